@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from xml.sax.saxutils import escape
@@ -26,9 +27,10 @@ RECORD = ROOT / "conformance" / "tests" / "contracts" / "golden" / "mac23-faulty
 EXAMPLE = ROOT / "fixtures" / "example-project"
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-PAGE_SIZE = (1000, 900)
+PAGE_SIZE = (1000, 1000)  # to the end of the first failure's plot
 CHARACTER, LINE, MARGIN = 7.3, 17, 14
 COLUMNS = 118
+HANGING = " " * 16  # below the bytes of an exchange
 
 
 def report() -> Report:
@@ -93,8 +95,12 @@ def failing_test() -> str:
 
 
 def as_svg(text: str) -> str:
-    """``text`` as a terminal shows it."""
-    rows = [row if len(row) <= COLUMNS else f"{row[: COLUMNS - 1]}…" for row in text.splitlines()]
+    """``text`` as a terminal shows it; a long row goes on below, nothing is cut."""
+    rows = [
+        part
+        for row in text.splitlines()
+        for part in textwrap.wrap(row, COLUMNS, subsequent_indent=HANGING, break_on_hyphens=False)
+    ]
     width = round(COLUMNS * CHARACTER) + 2 * MARGIN
     height = len(rows) * LINE + 2 * MARGIN
     body = "\n".join(_svg_rows(rows))

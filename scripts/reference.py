@@ -36,35 +36,35 @@ def commands() -> str:
 
 
 def quirks() -> str:
-    """Every switch of the MAC serial twins."""
+    """Every quirk of the MAC serial twins."""
     return quirks_of(
         "mac23",
         "# Quirks of the MAC twins\n\n"
-        "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
+        "The manual can be read in several ways. A quirk chooses one: `--quirk NAME=VALUE`,\n"
         "`[quirks]` of a profile, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the\n"
         "fixture.\n\n",
     )
 
 
 def can_quirks() -> str:
-    """Every switch of the MAC23 on CAN."""
+    """Every quirk of the MAC23 on CAN."""
     return quirks_of(
         "mac23-can",
         "# Quirks of the MAC23 on CAN\n\n"
-        "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
+        "The manual can be read in several ways. A quirk chooses one: `--quirk NAME=VALUE`,\n"
         "`[quirks]` of a profile, `quirk.NAME=VALUE` in a channel's name, or `quirks={...}` of\n"
         "`can.Bus`. Entries `MACS-` concern the axis, which is the same as on the serial line.\n\n",
     )
 
 
 def msc_quirks() -> str:
-    """Every switch of the MSC controllers."""
+    """Every quirk of the MSC controllers."""
     return quirks_of(
         "msc-250",
         "# Quirks of the MSC controllers\n\n"
-        "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
+        "The manual can be read in several ways. A quirk chooses one: `--quirk NAME=VALUE`,\n"
         "`[quirks]` of a profile, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n"
-        "The switches from `data_size` on are settings: each unit has its own.\n\n",
+        "The quirks from `data_size` on are settings: each unit has its own.\n\n",
     )
 
 
@@ -80,13 +80,13 @@ def mn400_quirks() -> str:
 
 
 def quirks_of(name: str, head: str) -> str:
-    """A page with the switches of a model."""
+    """A page with the quirks of a model."""
     model = catalog.find_model(name)
     rows = (
         (f"`{name}`", quirk.source, f"`{quirk.default}`", ", ".join(quirk.allowed), quirk.doc)
         for name, quirk in model.quirks.items()
     )
-    return head + table(["switch", "entry", "default", "values", "meaning"], rows)
+    return head + table(["quirk", "entry", "default", "values", "meaning"], rows)
 
 
 def requirements() -> str:
@@ -115,7 +115,7 @@ def requirements_of(name: str, head: str) -> str:
     has_axis = any(each.covers for each in book.requirements.values())
     rows = (
         (
-            *(each.id, each.kind, ", ".join(sorted(each.safety)), each.source, each.text),
+            *(each.id, each.kind, ", ".join(sorted(each.safety)), each.where, each.text),
             *([", ".join(each.covers) or "-"] if has_axis else []),
         )
         for each in book.requirements.values()

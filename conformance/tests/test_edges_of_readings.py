@@ -18,6 +18,7 @@ EDGES = [
     ("mac23-can", "factory_superior_stop", "-2147483648"),
     ("mac23", "brake_increments", "65535"),
     ("mac23-can", "brake_increments", "65535"),
+    ("mac23-can", "reserved_bits", "1"),
     ("msc-250", "response_delay_ms", "0"),
     ("msc-250", "response_delay_ms", "1100"),
     ("msc-250", "response_delay_ms", "3000"),

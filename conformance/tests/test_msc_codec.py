@@ -122,13 +122,13 @@ def test_flags_are_numbered_byte_by_byte_from_the_low_bit() -> None:
         (codec.NAK + codec.NAK, "NAK, NAK"),
         (
             codec.ACK + codec.packet(1, codec.body("DREAD", codec.i32(-5))),
-            "ACK, 1: DREAD, -5",
+            "ACK, unit 1: DREAD = -5",
         ),
         (codec.packet(6, codec.body("RQSTAT", codec.u16(65), bytes(6))),
-         "6: RQSTAT, status 65, then 00 00 00 00 00 00"),
-        (codec.packet(1, codec.body("RFLAGS", b"\x02" + bytes(31))), "1: RFLAGS, on: 1"),
+         "unit 6: RQSTAT = 0041h, then 00 00 00 00 00 00"),
+        (codec.packet(1, codec.body("RFLAGS", b"\x02" + bytes(31))), "unit 1: RFLAGS = 1 on"),
         (codec.with_wrong_checksum(codec.packet(1, codec.RQSTAT)),
-         "1: RQSTAT; checksum 0214, should be 0213"),
+         "unit 1: RQSTAT; checksum 0214h instead of 0213h"),
         (b"\x06\x02\x01", "ACK, 2 bytes: 02 01"),
     ],
 )  # fmt: skip
@@ -139,14 +139,16 @@ def test_what_is_said_is_put_into_words(data: bytes, words: str) -> None:
 
 def test_requests_are_put_into_words() -> None:
     """A write tells what goes where, a broken packet its bytes."""
-    assert codec.explain_request(codec.packet(1, codec.dwrite(2008, -1))) == "1: DWRITE, 2008 = -1"
-    assert codec.explain_request(codec.packet(1, codec.sflag(200), 0x1234)) == (
-        "1: SFLAG, 200, block 1234h"
+    assert (
+        codec.explain_request(codec.packet(1, codec.dwrite(2008, -1))) == "unit 1: DWRITE 2008 = -1"
     )
-    assert codec.explain_request(b"\x02\x01") == "2 bytes: 02 01"
+    assert codec.explain_request(codec.packet(1, codec.sflag(200), 0x1234)) == (
+        "unit 1: SFLAG 200 (block 1234h)"
+    )
+    assert codec.explain_request(b"\x02\x01") == "a packet broken off after 2 bytes (02 01)"
     assert codec.explain_request(b"") == "nothing sent"
     block = codec.explain_request(codec.packet(1, codec.bwrite(2048, range(32))))
-    assert block.startswith("1: BWRITE, 2048 = 0 1 2 ")
+    assert block.startswith("unit 1: BWRITE 2048 = 0 1 2 ")
 
 
 @given(st.binary(max_size=60))

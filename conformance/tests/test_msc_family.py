@@ -327,8 +327,8 @@ def test_records_are_put_into_words_either_way() -> None:
     """As the transcript of a finding shows them."""
     asked = Record(0, Direction.HOST, codec.packet(1, codec.dread(2008)))
     came = Record(0, Direction.DEVICE, reply(codec.body("DREAD", codec.i32(5))))
-    assert FAMILY.explain(asked) == "1: DREAD, 2008"
-    assert FAMILY.explain(came) == "ACK, 1: DREAD, 5"
+    assert FAMILY.explain(asked) == "unit 1: DREAD 2008"
+    assert FAMILY.explain(came) == "ACK, unit 1: DREAD = 5"
 
 
 def test_the_built_in_twin_runs_the_bench_program_in_every_unit() -> None:

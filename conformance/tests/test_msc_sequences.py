@@ -312,8 +312,8 @@ def test_a_mismatch_tells_what_was_said_before_it() -> None:
         run.perform(operation("write a value", 0, 4) + operation("read a value"))
     assert refuted.value.requirement == "MSC-PROP-08"
     assert refuted.value.story == (
-        "1: DWRITE, 1024 = -2147483648 → ACK",
-        "1: DREAD, 1024 → ACK, 1: DREAD, 0",
+        "unit 1: DWRITE 1024 = -2147483648 → ACK",
+        "unit 1: DREAD 1024 → ACK, unit 1: DREAD = 0",
     )
 
 

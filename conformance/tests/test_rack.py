@@ -34,7 +34,7 @@ def test_a_wrong_twin_is_told_with_what_failed_and_how_to_see_it_again(wrong_run
     assert lines[1].startswith("toy   does not conform")
     assert f"  {counts['fail']}  " in lines[1]
     text = " ".join(" ".join(lines).split())
-    assert "_wrong: After the letter Q: expected z or Z; came q." in text
+    assert "_wrong: The letter Q: q; expected z or Z." in text
     assert "again: axistwin conform toy --port ./toy" in text
     assert "judged: requirements with a verdict" in text
     assert "open: inconclusive." in text

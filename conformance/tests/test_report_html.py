@@ -238,14 +238,14 @@ def test_an_exchange_that_broke_several_requirements_is_told_once(report: Report
         for n in range(40)
     ]
     for finding in check["findings"]:
-        finding["transcript"] = long
+        finding["transcript"], finding["decisive"] = long, [37, 38, 39]
     text = render(report)
     shown = Page(text).text_of["fail-_wrong"]
     assert "MACS-FRAME-01" in shown
     assert "MACS-FRAME-02" in shown
     assert shown.count(check["findings"][0]["sentence"]) == 1
     assert text.count("word 39.") == text.count("word 0.") == 1
-    assert "37 earlier lines" in shown
+    assert "37 other lines" in shown
     assert shown.index("word 39.") < shown.index("word 0."), "what decided comes first"
 
 

@@ -65,7 +65,7 @@ def test_each_requirement_is_a_case_that_tells_its_ground(wrong_run: Any) -> Non
 @pytest.mark.parametrize(
     ("requirement", "tag", "message"),
     [
-        ("MACS-FRAME-01", "failure", "expected z or Z; came q."),
+        ("MACS-FRAME-01", "failure", "The letter Q: q; expected z or Z."),
         ("MACS-FRAME-03", "error", "3 of 10 times"),
         ("MACS-REPLY-16", "skipped", "recorded, not judged: takes 1 ms"),
         ("MACS-FRAME-04", "skipped", "not on the wire: a rule for the sending host"),
@@ -86,8 +86,8 @@ def test_a_failure_holds_the_bytes_and_the_command(wrong_run: Any) -> None:
     assert failure is not None
     text = failure.text or ""
     for part in (
-        "expected z or Z; came q.",
-        "manual: A request has exactly 21 bytes",
+        "The letter Q: q; expected z or Z.",
+        "manual: MACS-FRAME-01: A request has exactly 21 bytes",
         "(MAC23/34 V24 expert manual r5 (2006), chapter II, chapter III)",
         "replay: axistwin conform toy --seed 5 _wrong",
         "host     51  the letter Q",

@@ -99,7 +99,7 @@ def test_acts_are_bracketed_in_time_and_told_in_the_transcript(target: SerialTra
     begin_ns = target.now_ns
     assert rig.work("reference", True) == (begin_ns, begin_ns)
     told = [one.text for one in target.transcript.since(0, 99)]
-    assert "rig: input reference on" in told
+    assert "rig: the reference input was activated" in told
 
 
 @pytest.mark.parametrize(("time", "is_exact"), [("virtual", True), ("20", False)])

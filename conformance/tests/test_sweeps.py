@@ -13,7 +13,7 @@ from sweeping import wrong_device
 from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.journal import Journal, run_all
-from sweeping.readings import OF_THE_LINE, drawn, misread, singles
+from sweeping.readings import FIXED, drawn, misread, singles
 from sweeping.runs import Setting
 from sweeping.sweeps import FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
@@ -89,7 +89,7 @@ def test_every_drawn_value_is_one_that_the_twin_takes(model: str) -> None:
         for name, value in readings.items():
             assert quirks[name].parse(value) != quirks[name].parse(quirks[name].default)
     left = quirks.keys() - {name for one in known for name in one}
-    assert all(quirks[name].kind == "text" or name in OF_THE_LINE for name in left), left
+    assert all(quirks[name].kind == "text" or name in FIXED[model] for name in left), left
 
 
 def test_when_says_which_messages_are_hit() -> None:

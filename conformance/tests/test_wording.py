@@ -1,4 +1,4 @@
-"""A failure is one sentence: what was done, what is admissible, what came."""
+"""A failure is one sentence: what the device did, under which condition, what is expected."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.core.wording import sentence
+from axistwin_conformance.core.wording import Observation, sentence, telling
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.words import answer_words, request_words
 from axistwin_conformance.families.mac.can import codec as can_codec
@@ -28,79 +28,125 @@ def mark(text: str, time_ms: int = 0) -> Record:
     return Record(time_ms * MS, Direction.NOTE, text=text)
 
 
-def test_commands_and_the_rig_are_told_and_queries_before_the_last_are_not() -> None:
-    """At most three acts before the last request; one repeated at once is told with its number."""
+def test_what_led_there_is_told_and_the_rest_is_not() -> None:
+    """The last command that changed something and what was done to the rig; no query, no noise."""
     records = [
         host(0, 0x0F, 5),
         host(10, 0x13, -500),
         host(20, 0x20),
-        host(30, 0x21),
-        host(35, 0x18),
-        host(36, 0x18),
-        mark("rig: hold shaft on", 40),
-        host(60, 0x21),
+        mark("rig: the shaft was held", 40),
+        host(60, 0x18),
+        host(70, 0x21),
         host(500, 0x20),
     ]
     assert sentence(records, in_words, ("-4..-2",), "7") == (
-        "After 13h go to position -500, then 2 times 18h stop without ramp, then rig: hold shaft"
-        " on, then 460 ms later, 20h position: expected position -4 to -2; came position 7."
+        "440 ms after the shaft was held and 18h (stop without ramp), 20h (position) read 7"
+        " increments; expected -4 to -2 increments."
     )
+
+
+def test_a_stored_value_does_not_lead_to_a_refusal() -> None:
+    """It may lead to an answer."""
+    records = [host(0, 0x13, 9), host(5, 0x0F, 5), host(6, 0x02)]
+    told = sentence(records, in_words, ("a refusal",), "accepted")
+    assert told.startswith("After 13h (go to position 9), 02h (torque at rest 0): accepted; ")
+    told = sentence([*records, host(9, 0x26)], in_words, ("5",), "6")
+    assert told.startswith("After 02h (torque at rest 0), 26h (ramp, torque, modes, tolerance): 6")
+
+
+def test_a_power_cycle_is_one_cause() -> None:
+    """Not two acts of the rig."""
+    records = [mark(f"rig: the power was switched {way}", 0) for way in ("off", "on")]
+    told = sentence([*records, host(9, 0x20)], in_words, ("4",), "5")
+    assert told.startswith("After a power cycle, 20h (position) read 5 increments; ")
 
 
 def test_what_another_check_has_sent_is_not_told() -> None:
     """The check begins with a mark."""
     records = [host(0, 0x13, 9), mark("check other"), host(5, 0x20)]
-    assert sentence(records, in_words, ("an answer",), "").startswith("After 20h position: ")
+    assert sentence(records, in_words, ("an answer",), "").startswith("20h (position): nothing")
 
 
-def test_readings_are_told_after_the_name_of_their_switch_and_lists_as_people_do() -> None:
-    """Not each with its name; no brackets."""
-    told = sentence([], in_words, ("xon_byte=11h", "xon_byte=13h", "xon_byte=1Ah"), "['a', 'b']")
-    assert told == "Expected xon_byte=11h, 13h or 1Ah; came a, b."
+def test_a_check_names_the_request_that_it_judged() -> None:
+    """It need not be the last one: the words and the lines shown are about that one."""
+    judged = host(2, 0x02)
+    reply = Record(3 * MS, Direction.DEVICE, b"\x06\x13\x1a")
+    records = [mark("check this"), host(0, 0x13, 9), judged, reply, host(4, 0x18)]
+    seen = Observation("{request} was accepted", request=judged.data, is_whole=False)
+    told = telling(records, in_words, ("a refusal",), seen)
+    assert told.sentence == (
+        "After 13h (go to position 9), 02h (torque at rest 0) was accepted; expected a refusal."
+    )
+    assert told.decisive == (1, 2, 3)
+    assert told.by_hand == (1, 2)
+
+
+def test_a_check_that_says_all_itself_is_not_added_to() -> None:
+    """The causes it names are among the lines shown."""
+    records = [host(0, 0x0F, 5), host(1, 0x13, 9), host(2, 0x26)]
+    seen = Observation("the ramp was 10", wanted="5", causes=("0Fh (",))
+    told = telling(records, in_words, ("ramp 5",), seen)
+    assert told.sentence == "The ramp was 10; expected 5."
+    assert told.decisive == (0, 2)
+
+
+def test_silence_says_how_long_was_waited() -> None:
+    """As the transcript has it."""
+    silence = Record(0, Direction.SILENCE, text="nothing for 512 ms")
+    seen = Observation("{request} got no reply{waited}")
+    told = sentence([host(0, 0x20), silence], in_words, ("an answer",), seen)
+    assert told == "20h (position) got no reply within 512 ms; expected an answer."
+
+
+def test_by_hand_sends_all_that_changed_something_and_says_where_that_is_not_enough() -> None:
+    """Of settings the last of each; no queries but the one that is judged."""
+    records = [host(0, 0x0F, 5), host(1, 0x0F, 6), host(2, 0x21), host(3, 0x13, 9), host(4, 0x20)]
+    assert telling(records, in_words, ("1",), "2").by_hand == (1, 3, 4)
+    rig = [mark("rig: the shaft was held"), *records]
+    assert telling(rig, in_words, ("1",), "2")[2:] == (
+        (),
+        "not without the rig, which worked the device meanwhile",
+    )
+    many = [host(n, 0x13, n) for n in range(30)]
+    assert telling(many, in_words, ("1",), "2").no_hand.startswith("not in a few requests: 29 ")
 
 
 def test_abbreviations_of_the_manual_are_spelt_out() -> None:
     """Once; what a glossary does not have stays."""
     told = sentence([], in_words, ("dd 01 and dd 02",), "ff 00", "", {"dd": "fault byte dd"})
-    assert told == "Expected fault byte dd 01 and dd 02; came ff 00."
-
-
-def test_what_was_done_to_the_rig_is_told_although_much_was_sent_since() -> None:
-    """A fault that was provoked is why a command is refused."""
-    acts = [mark("rig: micro cut"), *(host(1 + n, index) for n, index in enumerate((17, 24, 26)))]
-    told = sentence([*acts, host(9, 0x02)], in_words, ("a",), "b")
-    assert told.startswith("After rig: micro cut, then 11h synchro, then 18h stop without ramp, ")
+    assert told == "Seen: ff 00; expected fault byte dd 01 and dd 02."
 
 
 def test_a_number_of_increments_is_no_position() -> None:
     """What is expected says what came."""
     told = sentence([host(0, 0x20)], in_words, ("at rest 53..54 increments on",), "51")
-    assert told.endswith("expected at rest 53 to 54 increments on; came 51 increments.")
+    assert told.endswith("read 51 increments; expected at rest 53 to 54 increments on.")
 
 
-def test_without_any_request_the_sentence_begins_with_what_is_expected() -> None:
-    """Nobody was asked."""
-    assert sentence([], in_words, ("a", "b"), "") == "Expected a or b; came nothing."
+def test_without_any_request_the_sentence_begins_with_what_was_seen() -> None:
+    """Nobody was asked; lists are told as people do."""
+    assert sentence([], in_words, ("a", "b"), "") == "Seen: nothing; expected a or b."
+    assert sentence([], in_words, ("a",), "['c', 'd']") == "Seen: c, d; expected a."
 
 
 def test_a_range_of_one_value_is_that_value_and_a_remark_stands_behind() -> None:
     """Unless it is a story."""
     told = sentence([host(0, 0x20)], in_words, ("at rest at 5..5",), "6", "It was asked twice")
-    assert told.endswith("expected at rest at 5; came position 6. It was asked twice.")
+    assert told.endswith("read 6 increments; expected at rest at 5 (It was asked twice).")
     assert "story" not in sentence([], in_words, ("a",), "b", "story " * 100)
 
 
 @pytest.mark.parametrize(
     ("index", "parameter", "words"),
     [
-        (0x13, 0xFFFFFE0C, "13h go to position -500"),
-        (0x15, 0x00F60640, "15h velocity counter-clockwise at period 1600"),
-        (0x16, 0xFFE00640, "16h segment of -32 steps at period 1600"),
-        (0x18, 0, "18h stop without ramp"),
-        (0x1C, 10, "1Ch tolerance 10"),
-        (0x0C, 0xABCDEF40, "0Ch torque limit ABCDEF40"),
-        (0x20, 0, "20h position"),
-        (0x12, 0, "12h unassigned 00000000"),
+        (0x13, 0xFFFFFE0C, "13h (go to position -500)"),
+        (0x15, 0x00F60640, "15h (velocity counter-clockwise at period 1600 × 0.125 µs)"),
+        (0x16, 0xFFE00640, "16h (segment of -32 steps at period 1600 × 0.125 µs)"),
+        (0x18, 0, "18h (stop without ramp)"),
+        (0x1C, 10, "1Ch (tolerance 10)"),
+        (0x0C, 0xABCDEF40, "0Ch (torque limit ABCDEF40h)"),
+        (0x20, 0, "20h (position)"),
+        (0x12, 0, "12h (not used 00000000h)"),
     ],
 )
 def test_parameters_are_told_in_the_units_of_the_command(
@@ -124,7 +170,7 @@ def test_a_receipt_of_the_host_is_nothing_that_was_done() -> None:
         Record(MS, Direction.HOST, b"\x06"),
     ]
     assert sentence(records, family.in_words, ("one reply",), "nothing").startswith(
-        "After RQSTAT: expected"
+        "RQSTAT: nothing; expected"
     )
 
 
@@ -132,8 +178,8 @@ def test_requests_of_a_bus_are_told_by_direction_and_index() -> None:
     """A download and an upload share their numbers; what is no transfer is told as it is."""
     told = find_family("mac23-can").in_words
     upload, download = (can_codec.request(1, index, 5).frame().pack() for index in (0x20, 0x13))
-    assert told(download, b"").request == "download 2013h go to position 5"
-    assert told(upload, b"").request.startswith("upload 2000h position")
+    assert told(download, b"").request == "download 2013h (go to position 5)"
+    assert told(upload, b"").request.startswith("upload 2000h (position")
     assert told(can_codec.sync().pack(), b"").request == "SYNC"
 
 

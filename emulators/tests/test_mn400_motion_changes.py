@@ -82,8 +82,9 @@ def interrupted(motion: VectorMotion, breaks: Sequence[tuple[int, int]]) -> Reco
     return recorder
 
 
+@pytest.mark.strength
 @given(motions, interruptions)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150, deadline=None, derandomize=True)
 def test_pauses_anywhere_lose_and_add_no_step(
     motion: VectorMotion, breaks: Sequence[tuple[int, int]]
 ) -> None:
@@ -97,8 +98,9 @@ def test_pauses_anywhere_lose_and_add_no_step(
         assert [step.at_ns for step in steps] == sorted(step.at_ns for step in steps)
 
 
+@pytest.mark.strength
 @given(made, st.integers(2, 12_000), displacements, interruptions)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100, deadline=None, derandomize=True)
 def test_pauses_never_make_a_motion_faster(
     settings: MoveSettings,
     speed: int,
@@ -115,7 +117,7 @@ def test_pauses_never_make_a_motion_faster(
 
 
 @given(profiles, st.integers(2, 12_000), st.integers(2, 4000), st.integers(0, 1000))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100, deadline=None, derandomize=True)
 def test_a_pause_brakes_at_the_profiles_rate_to_start_speed(
     profile: SpeedProfile, speed: int, steps: int, share: int
 ) -> None:
@@ -195,7 +197,7 @@ def test_quit_while_paused_drops_the_rest() -> None:
 
 
 @given(motions, st.integers(0, 1000), st.integers(0, 3))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80, deadline=None, derandomize=True)
 def test_a_halted_axis_stands_and_the_others_arrive(
     motion: VectorMotion, share: int, axis: int
 ) -> None:
@@ -210,8 +212,9 @@ def test_a_halted_axis_stands_and_the_others_arrive(
     assert halted.next_step(axis, at_ns) is None
 
 
+@pytest.mark.strength
 @given(motions, st.integers(0, 1000))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80, deadline=None, derandomize=True)
 def test_the_next_step_towards_a_limit_is_the_first_one(motion: VectorMotion, share: int) -> None:
     """``next_step`` agrees with the list of the steps, in both directions."""
     at_ns = motion.since_ns + (end(motion) - motion.since_ns) * share // 1000
@@ -224,8 +227,9 @@ def test_the_next_step_towards_a_limit_is_the_first_one(motion: VectorMotion, sh
         assert motion.headings_at(at_ns)[axis] == (steps[0].direction if steps else 0)
 
 
+@pytest.mark.strength
 @given(motions, st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 1000)), max_size=5))
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120, deadline=None, derandomize=True)
 def test_the_feed_rate_changes_the_time_and_nothing_else(
     motion: VectorMotion, changes: Sequence[tuple[int, int]]
 ) -> None:
@@ -244,7 +248,7 @@ def test_the_feed_rate_changes_the_time_and_nothing_else(
 
 
 @given(motions, st.integers(0, 1000))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100, deadline=None, derandomize=True)
 def test_planning_anew_at_the_same_speed_changes_nothing(motion: VectorMotion, share: int) -> None:
     """From any state the new plan is the rest of the old one, to some nanoseconds."""
     at_ns = motion.since_ns + (end(motion) - motion.since_ns) * share // 1000
@@ -385,7 +389,7 @@ whole_contours = st.lists(
     changes=[(309, "resume"), (806, "pause"), (23, "feed"), (192, "resume"), (360, "pause")],
     permille=230,
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200, deadline=None, derandomize=True)
 def test_no_change_exceeds_speed_acceleration_or_margin(
     parts: Sequence[ContourSegment],
     profile: SpeedProfile,

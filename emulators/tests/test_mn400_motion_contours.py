@@ -154,8 +154,9 @@ def relaxed(
     return entries, exits
 
 
+@pytest.mark.strength
 @given(contours, profiles, st.integers(0, 300))
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=250, deadline=None, derandomize=True)
 def test_the_plan_is_the_greatest_that_the_rules_allow(
     parts: Sequence[ContourSegment], profile: SpeedProfile, margin: int
 ) -> None:
@@ -189,8 +190,9 @@ def test_a_junction_that_turns_out_hard_holds_back_what_follows() -> None:
     assert whole(plan.exits[1]) == pytest.approx(sqrt(1000**2 + 2 * 10_000 * 2), abs=0.01)
 
 
+@pytest.mark.strength
 @given(contours, profiles, st.integers(0, 300), st.sampled_from([1, 2, 4]))
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120, deadline=None, derandomize=True)
 def test_a_contour_arrives_between_the_fastest_and_the_separate_moves(
     parts: Sequence[ContourSegment], profile: SpeedProfile, margin: int, multiplex: int
 ) -> None:
@@ -216,7 +218,7 @@ def made_at(made: MoveSettings, speed: int) -> MoveSettings:
 
 
 @given(contours, st.integers(0, 300))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_a_mirrored_contour_is_mirrored(parts: Sequence[ContourSegment], margin: int) -> None:
     """Signs change nothing but the signs of the positions."""
     here = contour(0, MoveSettings(), parts, margin)
@@ -229,7 +231,7 @@ def test_a_mirrored_contour_is_mirrored(parts: Sequence[ContourSegment], margin:
 
 
 @given(contours, st.integers(0, 100))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_the_fourth_axis_changes_no_speed_at_a_junction(
     parts: Sequence[ContourSegment], margin: int
 ) -> None:
@@ -305,6 +307,7 @@ def test_a_contour_goes_from_the_clock_to_pulses_and_back() -> None:
     assert paused.resume(20 * S).position_at(21 * S) == (2100, 0, 0, 0)
 
 
+@pytest.mark.strength
 def test_ten_thousand_segments_take_a_few_sweeps_and_any_place_is_found_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -144,6 +144,7 @@ def test_contours_take_up_backlash_before_the_first_segment() -> None:
 # Jogging
 
 
+@pytest.mark.strength
 @given(
     st.integers(1, 32767),
     st.lists(st.tuples(st.integers(1, 32767), st.sampled_from([1, -1])), max_size=40),
@@ -200,6 +201,7 @@ def test_a_held_button_runs_at_jog_speed_until_it_is_released() -> None:
 # Threading and external sync
 
 
+@pytest.mark.strength
 @given(
     st.tuples(*[st.integers(-200, 200)] * 4),
     st.integers(0, 300),
@@ -334,12 +336,13 @@ def test_pulses_counted_are_pulses_that_came(rate: int, turn: int, moments: Sequ
             assert count < index <= count + turn
 
 
+@pytest.mark.strength
 @given(
     st.tuples(*[st.integers(-200, 200)] * 4),
     st.integers(1000, 10**7),
     st.lists(st.integers(0, 10**8), min_size=2, max_size=6),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100, deadline=None, derandomize=True)
 def test_pauses_on_pulses_lose_pulses_but_no_step(
     displacement: tuple[int, int, int, int], rate: int, moments: Sequence[int]
 ) -> None:

@@ -25,6 +25,7 @@ from importlib.resources.abc import Traversable
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 
 CHAPTER = re.compile(r"[IVX]+(\.[0-9]+)?")
+ELSEWHERE = "not in this device's own manual"
 ANY_READING = "*"  # in a list of readings: any other value is admissible too (a measured time)
 
 
@@ -63,8 +64,8 @@ class Requirement:
 class Sources:
     """What the abbreviations of sources stand for.
 
-    `titles`: of manuals; the one without abbreviation is meant where none is named.  `places`: in a
-    manual; one that ends with a dash is followed by a number.
+    `titles`: of manuals, that of the device first; the one without abbreviation is meant where none
+    is named.  `places`: in a manual; one that ends with a dash is followed by a number.
     """
 
     titles: Mapping[str, str]
@@ -81,7 +82,10 @@ class Sources:
                 told[-1].append(self._place(part))
             else:
                 told.append([part])
-        return "; ".join(", ".join(one) for one in told)
+        titles, cited = [*self.titles.values()], {one[0] for one in told}
+        is_elsewhere = bool(cited.intersection(titles)) and titles[0] not in cited
+        remarks = [ELSEWHERE] if is_elsewhere else []
+        return "; ".join([*(", ".join(one) for one in told), *remarks])
 
     def _place(self, place: str) -> str:
         if place in self.places:
@@ -99,7 +103,8 @@ class Ambiguity:
     """A place where the manual can be read in several ways.
 
     `switches`: switch name → its readings, the default first.  No switch: nothing a device could
-    do differently.  `departs`: requirements that some of the readings go against.
+    do differently.  `departs`: requirements that some of the readings go against.  `words`: switch
+    name → what a device of each reading does, in the order of the readings, behind "the device".
     """
 
     id: str
@@ -107,6 +112,16 @@ class Ambiguity:
     switches: Mapping[str, tuple[str, ...]]
     detect: str
     departs: tuple[str, ...] = ()
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def in_words(self, switch: str, reading: str) -> str:
+        """What a device of that reading does: ``ignored it``."""
+        readings, words = self.switches[switch], self.words.get(switch, ())
+        if reading in readings[: len(words)]:
+            return words[readings.index(reading)]
+        if words and readings[-1] == ANY_READING:
+            return words[-1].replace(ANY_READING, reading)
+        return f"behaved as {switch}={reading}"
 
     def default_of(self, switch: str) -> str:
         """Return the reading that is taken unless a device shows another."""
@@ -252,8 +267,13 @@ def _ambiguity(key: str, row: Mapping[str, object]) -> Ambiguity:
     if "same_as" in row:
         row = _taken_over(key, row)
     switches = row.get("switches", {})
+    words = row.get("words", {})
     if not isinstance(switches, dict) or not all(switches.values()):
         raise ValueError(f"ambiguity {key}: switches is a table of non-empty lists")
+    if not isinstance(words, dict) or any(
+        len(texts) != len(switches.get(switch, ())) for switch, texts in words.items()
+    ):
+        raise ValueError(f"ambiguity {key}: words is a table of as many texts as readings")
     try:
         return Ambiguity(
             id=key,
@@ -261,6 +281,7 @@ def _ambiguity(key: str, row: Mapping[str, object]) -> Ambiguity:
             switches={switch: _words(readings) for switch, readings in switches.items()},
             detect=str(row["detect"]),
             departs=_words(row.get("departs", [])),
+            words={switch: _words(texts) for switch, texts in words.items()},
         )
     except KeyError as error:
         raise ValueError(f"ambiguity {key}: {error} is missing") from error
@@ -283,7 +304,9 @@ def _taken_over(key: str, row: Mapping[str, object]) -> Mapping[str, object]:
         for switch, readings in other.switches.items()
         if switch not in without
     }
-    return {"question": other.question, "detect": other.detect, "switches": kept, **own}
+    words = {switch: list(other.words[switch]) for switch in kept if switch in other.words}
+    told = {"question": other.question, "detect": other.detect}
+    return {**told, "switches": kept, "words": words, **own}
 
 
 def _words(value: object) -> tuple[str, ...]:

@@ -66,7 +66,8 @@ class Finding:
 
     `expected` lists every admissible outcome, `actual` is what came; `transcript` holds the
     exchange that led here, for verdicts a reader will want to follow.  `sentence` says of a failure
-    what was done, what is admissible and what came.
+    what the device did and what is expected.  Of the transcript, by number: `decisive`, the lines
+    that decided; `by_hand`, the requests that show it again.  `no_hand`: why none do.
     """
 
     requirement: str
@@ -76,3 +77,6 @@ class Finding:
     actual: str | None = None
     transcript: tuple[Record, ...] = ()
     sentence: str = ""
+    decisive: tuple[int, ...] = ()
+    by_hand: tuple[int, ...] = ()
+    no_hand: str = ""

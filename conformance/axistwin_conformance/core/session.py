@@ -12,7 +12,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn, Protocol, cast
 
 from axistwin_conformance.base.check import Check
@@ -28,7 +28,7 @@ from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.settings import Envelope as Envelope
-from axistwin_conformance.core.wording import Exchange, sentence
+from axistwin_conformance.core.wording import REQUEST, Exchange, Observation, telling
 from axistwin_conformance.transport.kinds import TransportKind
 from axistwin_conformance.transport.rig import Rig
 from axistwin_conformance.transport.serial import SerialTransport
@@ -38,6 +38,8 @@ REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger s
 QUIET_WAIT_S = 0.1  # how long a line must be quiet before a request is sent again
 MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
+
+SHOWN = Observation(REQUEST, is_whole=False)  # by what was sent last
 
 Requirements = str | Sequence[str] | None
 
@@ -355,7 +357,8 @@ class Session:
         """Judge: `condition` holds, or the requirement fails and the check ends.
 
         `requirement`: an id, several, or None for the one the check names.  `expected`: what is
-        admissible, one thing or a list or tuple of them; `actual`: what came.  Raises TypeError
+        admissible, one thing or a list or tuple of them; `actual`: what came, or what gives it in
+        words (an `Observation`) once it has failed.  Raises TypeError
         for None in a check that names several: what it shows of which must be said (our mistake).
         """
         if requirement is None and self.check is not None and len(self.check.requirements) > 1:
@@ -379,15 +382,19 @@ class Session:
         """Judge that something came which is not admissible; None blames all the check names."""
         self.has_failed = True
         # What only another family's ledger asks is a step here.
-        names = self._names(requirement) or self._names(None)
+        names = tuple(self._names(requirement)) or tuple(self._names(None))
+        seen = actual() if callable(actual) else actual
         admissible = tuple(
             str(item) for item in (expected if isinstance(expected, list | tuple) else (expected,))
         )
         if self.check is None:  # a hook of the family, between checks: there is nobody to judge
-            raise TargetError(f"expected {' or '.join(admissible)}, got {actual}")
-        for name in names:
-            self._record(name, Verdict.FAIL, text, admissible, str(actual))
-        raise Stop(f"expected {' or '.join(admissible)}, got {actual}")
+            raise TargetError(f"expected {' or '.join(admissible)}, got {seen}")
+        if not self.failed_after[0]:
+            self.failed_after = self.transport.last_sent, self._asked[self.transport.last_sent]
+        if names:
+            found = failure(self, names[0], admissible, seen, text)
+            self.findings += [replace(found, requirement=name) for name in names]
+        raise Stop(f"expected {' or '.join(admissible)}, got {seen}")
 
     def info(self, requirement: Requirements, text: str) -> None:
         """Record a value that nobody prescribes; it is reported, not judged."""
@@ -399,28 +406,35 @@ class Session:
         default = self.run.ledger.ambiguity_of(switch).default_of(switch)
         return str(self.run.readings.get(switch, default))
 
-    def quirk(self, requirement: Requirements, name: str, reading: str | Sequence[str]) -> None:
+    def quirk(
+        self,
+        requirement: Requirements,
+        name: str,
+        reading: str | Sequence[str],
+        shown: Observation = SHOWN,
+    ) -> None:
         """Judge which admissible reading of ambiguity switch `name` the device follows here.
 
         `reading`: the one seen, or all that explain what was seen.  It must be the one detected
         at the beginning of the run, or, if none was, the first one a check saw: a device that
         shows two readings follows none, and that fails.  Another reading than the default is named
         as a quirk, once per requirement.  A question that only the ledger asks which this one
-        covers from, has one reading here, the default.  Raises ValueError for a switch or reading
-        that no ledger knows (our mistake).
+        covers from, has one reading here, the default.  `shown`: what the device did, and by which
+        requests, if not by the last one.  Raises ValueError for a switch or reading that no ledger
+        knows (our mistake).
         """
         ambiguity = self.run.ledger.ambiguity_of(name)
         seen = (reading,) if isinstance(reading, str) else tuple(reading)
         for one in seen:
             ambiguity.check_reading(name, one)
         held = self._held(name, seen)
-        self.expect(
-            bool(set(held) & set(seen)),
-            requirement,
-            [f"{name}={one}, as it has been in this run so far" for one in held],
-            f"{name}={' or '.join(seen)}",
-            f"{_open_question(ambiguity)}; a device keeps to one reading",
-        )
+        if not set(held) & set(seen):
+            self.fail(
+                requirement,
+                [f"{name}={one}, as it has been in this run so far" for one in held],
+                self._other_reading(name, seen, held, shown),
+            )
+        self.expect(True, requirement, held, seen)
         if ambiguity.default_of(name) in held:
             return
         departs = f", against {', '.join(ambiguity.departs)}" if ambiguity.departs else ""
@@ -430,13 +444,41 @@ class Session:
                 self._named.add((one, name))
                 self._record(one, Verdict.QUIRK, text)
 
+    def _other_reading(
+        self, name: str, seen: Sequence[str], held: Sequence[str], shown: Observation
+    ) -> Observation:
+        """A device that shows two readings of one switch, in words."""
+        ambiguity = self.run.ledger.ambiguity_of(name)
+        came, before = (
+            " or ".join(ambiguity.in_words(name, one) for one in readings)
+            for readings in (seen, held)
+        )
+        wanted = f"that it {before}"
+        clause = f"{shown.clause}: the device {came}"
+        if self.run.ledger.asks(name):
+            clause += f", but earlier in this run it {before}"
+            wanted = (
+                "the same each time (the manual does not cover this;"
+                f" {ambiguity.id}: {_open_question(ambiguity)})"
+            )
+        return replace(shown, clause=clause, value=f"{name}={' or '.join(seen)}", wanted=wanted)
+
     def no_reading(
-        self, requirement: Requirements, name: str, readings: Iterable[str], came: str
+        self,
+        requirement: Requirements,
+        name: str,
+        readings: Iterable[str],
+        came: str,
+        shown: Observation = SHOWN,
     ) -> NoReturn:
         """Judge that no reading of ambiguity switch `name` explains what came."""
-        question = _open_question(self.run.ledger.ambiguity_of(name))
-        wanted = [f"{name}={reading}" for reading in readings]
-        self.fail(requirement, wanted, came, f"{question}; no reading explains what came")
+        ambiguity, known = self.run.ledger.ambiguity_of(name), tuple(readings)
+        *others, last = (ambiguity.in_words(name, one) for one in known)
+        either = f"{', '.join(others)} or {last}" if others else last
+        wanted = f"that the device {either} (the manual does not cover this; {ambiguity.id})"
+        clause = shown.clause if shown is not SHOWN else f"{shown.clause}: {came}"
+        seen = replace(shown, clause=clause, value=came, wanted=wanted)
+        self.fail(requirement, [f"{name}={reading}" for reading in known], seen)
 
     def _held(self, switch: str, seen: tuple[str, ...]) -> tuple[str, ...]:
         """The readings the device may still follow; what is seen first is held from then on."""
@@ -519,32 +561,31 @@ class Session:
                 raise ValueError(f"{self.check.name} judges {name} but does not declare it")
         return names
 
-    def _record(
-        self,
-        requirement: str,
-        verdict: Verdict,
-        text: str,
-        expected: tuple[str, ...] = (),
-        actual: str | None = None,
-    ) -> None:
-        excerpt = self.records(EXCERPT_RECORDS)
-        if verdict is Verdict.FAIL and not self.failed_after[0]:
-            self.failed_after = self.transport.last_sent, self._asked[self.transport.last_sent]
-        wanted = verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.QUIRK)
-        told = "" if actual is None else failure_sentence(self, expected, actual, text)
-        self.findings.append(
-            Finding(requirement, verdict, text, expected, actual, excerpt if wanted else (), told)
-        )
+    def _record(self, requirement: str, verdict: Verdict, text: str) -> None:
+        wanted = verdict in (Verdict.INCONCLUSIVE, Verdict.QUIRK)
+        excerpt = self.records(EXCERPT_RECORDS) if wanted else ()
+        self.findings.append(Finding(requirement, verdict, text, transcript=excerpt))
 
 
-def failure_sentence(
-    session: Session, expected: Sequence[str], actual: str, remark: str = ""
-) -> str:
-    """A failure in words; see `wording`."""
-    records = session.records(EXCERPT_RECORDS)
-    family = session.run.family
-    return sentence(records, family.in_words, expected, actual, remark, family.glossary)
+def failure(
+    session: Session, requirement: str, expected: Sequence[str], actual: object, text: str = ""
+) -> Finding:
+    """What failed, in words (see `wording`), with the end of the transcript, and of what was before
+    it the lines that matter."""
+    records, family = session.records(), session.run.family
+    told = telling(records, family.in_words, expected, actual, text, family.glossary)
+    kept = sorted(
+        {*range(max(0, len(records) - EXCERPT_RECORDS), len(records))}
+        | {*told.decisive, *told.by_hand}
+    )
+    place = {number: at for at, number in enumerate(kept)}
+    return Finding(
+        requirement, Verdict.FAIL, text, tuple(expected), str(actual),
+        tuple(records[number] for number in kept), told.sentence,
+        tuple(place[number] for number in told.decisive),
+        tuple(place[number] for number in told.by_hand), told.no_hand,
+    )  # fmt: skip
 
 
 def _open_question(ambiguity: Ambiguity) -> str:
-    return f"The manual leaves open ({ambiguity.id}): {ambiguity.question.rstrip('.')}"
+    return ambiguity.question.rstrip(".")

@@ -1,26 +1,30 @@
-"""A failure in one sentence: what was done, what is admissible, what came.
+"""A failure in one sentence: what the device did, under which condition, and what is expected.
 
-    After 13h go to position 80, then, 352 ms later, 27h temperature, supply, inputs: expected busy,
-    with 70 to 79 increments to go and tolerance 0; came not busy.
+    After 0Bh (position counter reset), 20h (position) read 37 increments; expected 0 increments.
 
-What was done is taken from the transcript: what was sent last, the commands before it that are
-likely to matter, and what was done to the rig.  A family puts one exchange into words (`Exchange`).
+A check that knows best says so itself (`Observation`).  Otherwise what was sent last is named, and
+of all before it what is likely to have led there: the last thing that changed something, and what
+was done to the rig.  The rest stands in the transcript.  A family puts one exchange into words
+(`Exchange`).
 """
 
 from __future__ import annotations
 
-import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 from axistwin_conformance.base.transcript import Direction, Record
 
-MOST_BEFORE: Final = 3  # commands and acts told before what was sent last
 LONGEST_REMARK: Final = 240  # characters: a remark that is a story of its own stands below
-LONGEST_VALUE: Final = 160  # characters of one thing expected, or come
-AT_ONCE_NS: Final = 50_000_000  # what comes later than that after what was done before, says so
+LONGEST_VALUE: Final = 160  # characters of one thing expected, or seen
+AT_ONCE_NS: Final = 50_000_000  # what comes later than that after its cause, says so
 NOTHING: Final[Mapping[str, str]] = {}
+REQUEST: Final = "{request}"  # in an observation: the request that is judged, in words
+WAITED: Final = "{waited}"  # and how long was waited for a reply in vain
+WAITED_MS: Final = re.compile(r"[0-9.]+ ms")
 BARE_NUMBER: Final = re.compile(r"-?[0-9]+( (to|or) -?[0-9]+)*")
 LIST: Final = re.compile(r"\[([^\[\]]*,[^\[\]]*)\]")
 PLACE: Final = re.compile(rf"^({BARE_NUMBER.pattern})$|\bposition\b|\brest\b|\bstill -?[0-9]")
@@ -28,6 +32,13 @@ RANGE: Final = re.compile(r"(-?[0-9]+(?:\.[0-9]+)?)\.\.(-?[0-9]+(?:\.[0-9]+)?)")
 BEGINS: Final = ("check ", "detecting ", "operations begin here")  # marks: nothing before matters
 RIG: Final = "rig: "
 ACTS: Final = (RIG, "our end of the line ")  # marks of what was done beside sending
+POWER_OFF: Final = "the power was switched off"
+POWER_ON: Final = "the power was switched on"
+POWER_CYCLE: Final = "a power cycle"
+
+
+SETS: Final = re.compile(r" ?[(=]")  # what stands behind the name of a setting
+MOST_BY_HAND: Final = 12  # requests; more, nobody pastes
 
 
 class Exchange(NamedTuple):
@@ -35,54 +46,227 @@ class Exchange(NamedTuple):
 
     `request`: in a few words; empty: not worth any (a receipt).  `is_query`: it changes nothing.
     `quantity`: what a bare number in its answer is.  `answer`: what the fields of the answer say,
-    empty where that is a number alone.
+    empty where that is a number alone.  `is_setting`: it stores a value and starts nothing.
+    `is_motion`: the axis moves from then on, so that it matters how long ago it was.
+    `is_altered`: not as a host sends it that means well (a reply refused).
     """
 
     request: str
     is_query: bool = False
     quantity: str = ""
     answer: str = ""
+    is_setting: bool = False
+    is_motion: bool = False
+    is_altered: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What a device did, as a clause with its actor: ``{request} was accepted (06 13 1A)``.
+
+    `clause`: may hold `REQUEST` and `WAITED`.  `value`: the same in the report, beside what is
+    expected there; empty: the clause.  `wanted`: what is expected, in this sentence; empty: as the
+    report has it.  `request`: the one that is judged; none: what was sent last.  `causes`: words of
+    those requests before it that led there, to be shown beside it.  `is_whole`: the clause names
+    the condition that matters; otherwise what led there is put before it.
+    """
+
+    clause: str
+    value: str = ""
+    wanted: str = ""
+    request: bytes = b""
+    causes: tuple[str, ...] = ()
+    is_whole: bool = True
+
+    def __str__(self) -> str:
+        return self.value or self.clause.replace(REQUEST, "the request").replace(WAITED, "")
+
+
+class Telling(NamedTuple):
+    """A failure in words: the sentence, and which of the records (by number) decided.
+
+    `by_hand`: those that were sent, and have to be sent again to see it again; none: `no_hand` says
+    why that is not enough.
+    """
+
+    sentence: str
+    decisive: tuple[int, ...]
+    by_hand: tuple[int, ...] = ()
+    no_hand: str = ""
 
 
 class _Act(NamedTuple):
+    """What was sent, or done to the rig; `first` and `last`: its records, with what came of it."""
+
     time_ns: int
     words: str
+    first: int
+    last: int
     exchange: Exchange = Exchange("")
+    data: bytes = b""
 
     @property
     def is_rig(self) -> bool:
         """True for what was done to inputs, supply or shaft."""
-        return self.words.startswith(RIG)
+        return not self.data
 
 
 Describe = Callable[[bytes, bytes], Exchange]
+
+
+def telling(
+    records: Sequence[Record],
+    describe: Describe,
+    expected: Sequence[str],
+    actual: object,
+    remark: str = "",
+    glossary: Mapping[str, str] = NOTHING,
+) -> Telling:
+    """Say of a failure what the device did and what is expected; `glossary`: what the
+    abbreviations of the manual stand for."""
+    acts = _acts(records, describe)
+    seen = actual if isinstance(actual, Observation) else None
+    judged = acts[-1] if acts else None
+    if seen is not None and seen.request:
+        judged = next((act for act in reversed(acts) if act.data == seen.request), judged)
+    wanted = _plain(seen.wanted) if seen and seen.wanted else ""
+    wanted = wanted or _spelt(_plain(_either(expected)), glossary)
+    causes = [] if judged is None else _causes(acts[: acts.index(judged)], judged)
+    if seen is not None:
+        clause = _clause(seen.clause, judged, records)
+        if seen.is_whole:
+            named = [_latest(acts, words) for words in seen.causes]
+            rigs = [act for act in causes if act.is_rig]
+            causes = [*rigs, *(act for act in named if act is not None)]
+    else:
+        value = _spelt(_plain(_short(str(actual).strip() or "nothing")), glossary)
+        clause, wanted = _generic(judged, value, wanted, records)
+    if causes and not (seen and seen.is_whole):
+        assert judged is not None
+        clause = f"{_condition(causes, judged)}, {clause}"
+    rest = f" ({_plain(remark)})" if 0 < len(remark) <= LONGEST_REMARK else ""
+    text = f"{clause}; expected {wanted}{rest}." if wanted else f"{clause}{rest}."
+    decisive = _decisive(causes, judged, records)
+    return Telling(text[0].upper() + text[1:], decisive, *_by_hand(acts, judged, records))
 
 
 def sentence(
     records: Sequence[Record],
     describe: Describe,
     expected: Sequence[str],
-    actual: str,
+    actual: object,
     remark: str = "",
     glossary: Mapping[str, str] = NOTHING,
 ) -> str:
-    """Say of a failure what was done, what is admissible and what came; `glossary`: what the
-    abbreviations of the manual stand for."""
-    acts = _acts(records, describe)
-    wanted, came = (
-        _spelt(_plain(text), glossary)
-        for text in (_either(expected), _short(actual.strip() or "nothing"))
-    )
-    last = acts[-1].exchange if acts else Exchange("")
-    if "increments" in wanted and BARE_NUMBER.fullmatch(came):
-        came += " increments"
-    elif last.quantity and PLACE.search(wanted):
-        wanted, came = (_named(text, last.quantity) for text in (wanted, came))
-    if last.answer and last.answer not in came and _is_answered_last(records):
-        came += f" ({last.answer})"
-    text = f"expected {wanted}; came {came}."
-    text = f"After {_done(acts)}: {text}" if acts else text[0].upper() + text[1:]
-    return f"{text} {_plain(remark)}." if 0 < len(remark) <= LONGEST_REMARK else text
+    """The sentence of `telling`."""
+    return telling(records, describe, expected, actual, remark, glossary).sentence
+
+
+def _clause(clause: str, judged: _Act | None, records: Sequence[Record]) -> str:
+    waited = ""
+    if judged is not None:
+        heard = records[judged.first : judged.last + 1]
+        silences = [one.text for one in heard if one.direction is Direction.SILENCE]
+        found = WAITED_MS.search(silences[-1]) if silences else None
+        waited = f" within {found[0]}" if found else ""
+    words = judged.words if judged else "the request"
+    return _plain(clause.replace(REQUEST, words).replace(WAITED, waited))
+
+
+def _generic(
+    judged: _Act | None, value: str, wanted: str, records: Sequence[Record]
+) -> tuple[str, str]:
+    """What was asked last and what was seen; and what is expected, in the same unit."""
+    if judged is None:
+        return f"seen: {value}", wanted
+    exchange = judged.exchange
+    if "increments" in wanted and BARE_NUMBER.fullmatch(value):
+        value += " increments"
+    elif exchange.quantity and PLACE.search(wanted):
+        value, wanted = (_in_increments(text) for text in (value, wanted))
+    if exchange.answer and exchange.answer not in value and _is_answered_last(records):
+        value += f" ({exchange.answer})"
+    is_read = exchange.quantity and re.match(r"-?[0-9]", value)
+    return f"{judged.words}{' read ' if is_read else ': '}{value}", wanted
+
+
+def _in_increments(text: str) -> str:
+    text = text.removeprefix("position ")
+    return f"{text} increments" if BARE_NUMBER.fullmatch(text) else text
+
+
+def _condition(causes: Sequence[_Act], judged: _Act) -> str:
+    """``234 ms after 13h (go to position 76)``."""
+    words: list[str] = []
+    for number, act in enumerate(causes):
+        is_cycle = _is_cycle(causes[number - 1 : number + 1]) if number else False
+        words[-is_cycle or len(words) :] = [POWER_CYCLE if is_cycle else act.words]
+    waited_ns = judged.time_ns - causes[-1].time_ns
+    is_under_way = causes[-1].exchange.is_motion and judged.exchange.is_query
+    is_worth = waited_ns > AT_ONCE_NS or is_under_way
+    after = f"{waited_ns / 1e6:.0f} ms after" if is_worth else "after"
+    return f"{after} {' and '.join(words)}"
+
+
+def _causes(before: Sequence[_Act], judged: _Act) -> list[_Act]:
+    """What is likely to have led to a reply: what was done to the rig, and the last command; what
+    only stored a value matters to a query."""
+    rigs = [act for act in before if act.is_rig]
+    cycle = [n for n in range(2, len(rigs) + 1) if _is_cycle(rigs[n - 2 : n])][-1:]
+    worked = [*(rigs[cycle[0] - 2 : cycle[0]] if cycle else []), *rigs[-1:]]
+    changes = [
+        act
+        for act in before
+        if not act.is_rig
+        and not act.exchange.is_query
+        and act.words != judged.words
+        and (judged.exchange.is_query or not act.exchange.is_setting)
+    ]
+    if judged.is_rig:
+        return rigs[-1:]
+    chosen = dict.fromkeys([*worked, *changes[-1:]])
+    return sorted(chosen, key=lambda act: act.first)
+
+
+def _is_cycle(acts: Sequence[_Act]) -> bool:
+    return [act.words for act in acts] == [POWER_OFF, POWER_ON]
+
+
+def _decisive(
+    causes: Iterable[_Act], judged: _Act | None, records: Sequence[Record]
+) -> tuple[int, ...]:
+    """The records of these acts, in the order of time."""
+    numbers = {number for act in causes for number in range(act.first, act.last + 1)}
+    if judged is not None:
+        numbers.update(range(judged.first, judged.last + 1))
+    return tuple(sorted(numbers, key=lambda number: (records[number].time_ns, number)))
+
+
+def _by_hand(
+    acts: Sequence[_Act], judged: _Act | None, records: Sequence[Record]
+) -> tuple[tuple[int, ...], str]:
+    """What to send again, all that has changed something since the state was known; or why that
+    does not do."""
+    if judged is None:
+        return (), ""
+    before = acts[: acts.index(judged)]
+    if judged.is_rig or any(act.is_rig for act in before):
+        return (), "not without the rig, which worked the device meanwhile"
+    if any(act.exchange.is_altered for act in (*before, judged)):
+        return (), "not with 'axistwin send', which acknowledges every reply"
+    latest: dict[str, _Act] = {}
+    for act in before:
+        if not act.exchange.is_query:
+            key = SETS.split(act.words)[0] if act.exchange.is_setting else str(act.first)
+            latest.pop(key, None)
+            latest[key] = act
+    if len(latest) >= MOST_BY_HAND:
+        return (), f"not in a few requests: {len(latest)} before the last one change the device"
+    return (*(act.first for act in latest.values()), judged.first), ""
+
+
+def _latest(acts: Sequence[_Act], words: str) -> _Act | None:
+    return next((act for act in reversed(acts) if words in act.words), None)
 
 
 def _is_answered_last(records: Sequence[Record]) -> bool:
@@ -92,11 +276,7 @@ def _is_answered_last(records: Sequence[Record]) -> bool:
 
 
 def _either(expected: Sequence[str]) -> str:
-    """One of several; readings of one switch are told after its name."""
-    names = {one.partition("=")[0] for one in expected}
-    if len(expected) > 1 and len(names) == 1 and all("=" in one for one in expected):
-        *others, last = (one.partition("=")[2] for one in expected)
-        return f"{names.pop()}={', '.join(others)} or {last}"
+    """One of several."""
     return " or ".join(map(_short, expected))
 
 
@@ -107,7 +287,7 @@ def _short(text: str) -> str:
 
 def _spelt(text: str, glossary: Mapping[str, str]) -> str:
     for short, long in glossary.items():
-        text = re.sub(rf"(?<![\w=]){short}\b", long, text, count=1)
+        text = re.sub(rf"(?<![\w=]){short}\b(?! byte)", long, text, count=1)
     return text
 
 
@@ -117,50 +297,33 @@ def _plain(text: str) -> str:
     return RANGE.sub(lambda one: one[1] if one[1] == one[2] else f"{one[1]} to {one[2]}", text)
 
 
-def _named(text: str, quantity: str) -> str:
-    return f"{quantity} {text}" if BARE_NUMBER.fullmatch(text) else text
-
-
-def _done(acts: Sequence[_Act]) -> str:
-    """The last act, and those before it that may matter, in their order."""
-    *earlier, last = acts
-    changes = [act for act in earlier if not act.exchange.is_query and act.words != last.words]
-    rows = [list(row) for _, row in itertools.groupby(changes, lambda act: act.words)]
-    latest = list({row[0].words: row for row in rows[::-1]}.values())  # the last one first
-    before, older = latest[:MOST_BEFORE], latest[MOST_BEFORE:]
-    # What was done to the rig matters longer than what was sent.
-    if not any(row[0].is_rig for row in before):
-        before += [row for row in older if row[0].is_rig][:1]
-    before.reverse()
-    words = last.words
-    if before and (waited_ns := last.time_ns - before[-1][-1].time_ns) > AT_ONCE_NS:
-        words = f"{waited_ns / 1e6:.0f} ms later, {words}"
-    told = [f"{len(row)} times {row[0].words}" if row[1:] else row[0].words for row in before]
-    return ", then ".join([*told, words])
-
-
 def _acts(records: Sequence[Record], describe: Describe) -> list[_Act]:
     """All that was sent and done since the check, or what is like one, began."""
+    starts = [number for number, one in enumerate(records) if one.text.startswith(BEGINS)]
+    first = starts[-1] + 1 if starts else 0
+    opened = [n for n in range(first, len(records)) if _opens(records[n], describe)]
     acts: list[_Act] = []
-    sent, reply = Record(0, Direction.HOST), b""
-
-    def close() -> None:
-        exchange = describe(sent.data, reply) if sent.data else Exchange("")
-        if exchange.request:
-            acts.append(_Act(sent.time_ns, _short(exchange.request), exchange))
-
-    for record in records:
-        if record.direction is Direction.DEVICE:
-            reply += record.data
-        elif record.direction is Direction.HOST:
-            close()
-            sent, reply = record, b""
-        elif record.text.startswith(BEGINS):
-            acts.clear()
-            sent = Record(0, Direction.HOST)
-        elif record.text.startswith(ACTS):
-            close()
-            sent = Record(0, Direction.HOST)
-            acts.append(_Act(record.time_ns, record.text))
-    close()
+    for number, end in pairwise([*opened, len(records)]):
+        record = records[number]
+        if record.direction is not Direction.HOST:
+            text = record.text.removeprefix(RIG)
+            acts.append(_Act(record.time_ns, text, number, end - 1))
+            continue
+        exchange = describe(record.data, b"".join(_replies(records[number:end])))
+        receipts = (one for one in records[number + 1 : end] if one.direction is Direction.HOST)
+        if any(describe(one.data, b"").is_altered for one in receipts):
+            exchange = exchange._replace(is_altered=True)
+        words = _short(exchange.request)
+        acts.append(_Act(record.time_ns, words, number, end - 1, exchange, record.data))
     return acts
+
+
+def _opens(record: Record, describe: Describe) -> bool:
+    """True for the first record of an act; a receipt belongs to the exchange before it."""
+    if record.direction is Direction.HOST:
+        return bool(describe(record.data, b"").request)
+    return record.text.startswith(ACTS)
+
+
+def _replies(records: Iterable[Record]) -> Iterator[bytes]:
+    return (one.data for one in records if one.direction is Direction.DEVICE)

@@ -1,15 +1,17 @@
-"""What to type to say a request of a run again by hand."""
+"""What to type to send the requests of a failure again by hand."""
 
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from axistwin_conformance.base.events import RunStarted
 from axistwin_conformance.base.transcript import Direction
 
-REQUESTS = 2
-"""What was done last, and the question that showed it."""
+WORTH_A_WAIT_NS: Final = 40_000_000  # less passes between two requests anyway
+
+FROM_STATE: Final = "(on a device in the state in which the check found it)"
+LONG_NS: Final = 1_000_000_000  # no reply takes longer
 
 _BUILT_IN = re.compile(r"built-in twin \((.*)\)")
 
@@ -23,7 +25,27 @@ def send_command(run: RunStarted, *requests: str) -> str:
     return shlex.join([*words, *requests])
 
 
-def last_requests(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The last requests of a transcript; one byte, an acknowledgement, is sent anyway."""
-    asked = [each["data"] for each in records if each["direction"] == Direction.HOST.value]
-    return [request for request in asked if len(request) > len("06")][-REQUESTS:]
+def again(records: Sequence[Mapping[str, Any]], numbers: Sequence[int]) -> list[str]:
+    """Those requests of a transcript, with waits between them as long as they were there."""
+    steps: list[str] = []
+    free_ns = records[numbers[0]]["time_ns"] if numbers else 0
+    for number in numbers:
+        wait_ns = records[number]["time_ns"] - free_ns
+        if wait_ns > WORTH_A_WAIT_NS:
+            steps.append(f"wait {wait_ns / 1e6:.0f} ms")
+        steps.append(records[number]["data"])
+        free_ns = _answered_ns(records, number)
+    if numbers and (rest_ns := free_ns - records[numbers[-1]]["time_ns"]) > LONG_NS:
+        steps.append(f"wait {rest_ns / 1e6:.0f} ms")  # a message that was not asked for
+    return steps
+
+
+def _answered_ns(records: Sequence[Mapping[str, Any]], number: int) -> int:
+    """When what came of a request was there; without an answer, when it was sent."""
+    time_ns: int = records[number]["time_ns"]
+    for record in records[number + 1 :]:
+        if record["direction"] == Direction.HOST.value:
+            break
+        if record["direction"] == Direction.DEVICE.value:
+            time_ns = record["time_ns"]
+    return time_ns

@@ -21,7 +21,7 @@ import jinja2
 from axistwin_conformance.base.errors import counted
 from axistwin_conformance.base.recording import FOLDER
 from axistwin_conformance.engine.judgement import CONFORMS
-from axistwin_conformance.report.failures import SHOWN, Statement, decisive, statements
+from axistwin_conformance.report.failures import SHOWN, TIMES, Statement, place, statements
 from axistwin_conformance.report.json import Report
 from axistwin_conformance.report.plot import is_inside, plot
 
@@ -65,14 +65,14 @@ class TranscriptRow:
 class Exhibit:
     """One thing that a check saw: in words, what the manual asks, and the exchange.
 
-    `rows`: those that decided; `earlier`: what came before them; `cut`: how many of these are in
+    `rows`: those that decided; `others`: the rest; `cut`: how many of these are in
     the report's other files only.
     """
 
     statement: Statement
     asked: Sequence[Mapping[str, Any]]
     rows: Sequence[TranscriptRow] = ()
-    earlier: Sequence[TranscriptRow] = ()
+    others: Sequence[TranscriptRow] = ()
     cut: int = 0
 
 
@@ -158,6 +158,8 @@ def _template() -> jinja2.Template:
         slug=slug, plot=plot, duration=duration, thousands=thousands, rate=rate
     )
     environment.tests["inside"] = is_inside
+    environment.filters["place"] = place
+    environment.globals["times"] = TIMES
     return environment.get_template("report.html.j2")
 
 
@@ -215,10 +217,13 @@ def _check_articles(report: Report) -> list[CheckArticle]:
 
 
 def _seen(statement: Statement, asked: Sequence[Mapping[str, Any]], is_cut: bool) -> Exhibit:
-    rows = _rows(statement.transcript)
-    before = len(rows) - decisive(statement.transcript)
-    earlier = () if is_cut else rows[:before]
-    return Exhibit(statement, asked, rows[before:], earlier, before if is_cut else 0)
+    rows = _rows(statement.transcript, statement.shown)
+    decided = set(statement.shown)
+    others = [row for number, row in enumerate(rows) if number not in decided]
+    left = len(others) if is_cut else 0
+    return Exhibit(
+        statement, asked, [rows[number] for number in statement.shown], () if left else others, left
+    )
 
 
 def _articles(report: Report, checks: Sequence[CheckArticle]) -> list[Article]:
@@ -288,8 +293,8 @@ def _operations(replay: str) -> str:
     return f"{FOLDER}/{name}" if name.endswith(".toml") else ""
 
 
-def _rows(records: Sequence[Mapping[str, Any]]) -> list[TranscriptRow]:
-    answers = [n for n, one in enumerate(records) if one["direction"] in ("device", "silence")]
+def _rows(records: Sequence[Mapping[str, Any]], decisive: Sequence[int]) -> list[TranscriptRow]:
+    answers = [n for n in decisive if records[n]["direction"] in ("device", "silence")]
     return [
         TranscriptRow(
             f"{(one['time_ns'] - records[0]['time_ns']) / 1e6:.3f}",

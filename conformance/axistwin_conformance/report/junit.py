@@ -21,7 +21,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 
-from axistwin_conformance.report.failures import source, statements
+from axistwin_conformance.report.failures import manual, statements
 from axistwin_conformance.report.json import Report
 
 UNTRUSTED = (2, 3, 130)  # exit statuses: nothing judged, unreachable, interrupted
@@ -108,7 +108,7 @@ def _case(report: Report, judged: Mapping[str, Any]) -> ElementTree.Element:
         element = _element(case, ELEMENTS[verdict], message=words)
         if ELEMENTS[verdict] != "skipped":
             element.set("type", verdict)
-            element.text = _evidence(judged, report["checks"])
+            element.text = _evidence(judged, report)
     elif reason:
         _element(case, "system-out").text = f"{verdict}: {reason}"
     return case
@@ -126,14 +126,17 @@ def _seconds(report: Report, key: str) -> float:
     )
 
 
-def _evidence(judged: Mapping[str, Any], checks: Sequence[Mapping[str, Any]]) -> str:
+def _evidence(judged: Mapping[str, Any], report: Report) -> str:
     """What was seen, what the manual asks, the exchange, and the command that does it again."""
     lines = []
-    for check in checks:
+    for check in report["checks"]:
         for one in statements(check):
             if judged["id"] not in one.requirements or one.verdict != judged["verdict"]:
                 continue
-            lines += [one.sentence, f"manual: {judged['text']}{source(judged)}"]
+            lines.append(one.sentence)
+            lines += [
+                f"manual: {text}" for text in manual(report["requirements"], one.requirements)
+            ]
             lines += [f"remark: {one.remark}"] if one.remark else []
             lines += [f"check: {check['name']}", f"replay: {check['replay']}"]
             lines += [*transcript_lines(one.transcript), ""]

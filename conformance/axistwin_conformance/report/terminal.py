@@ -39,8 +39,8 @@ from axistwin_conformance.engine.eta import Eta
 from axistwin_conformance.engine.impact import Impact, allowed_in_vain, impacts
 from axistwin_conformance.engine.judgement import UNREACHABLE
 from axistwin_conformance.engine.plan import Options, Plan
-from axistwin_conformance.report.by_hand import last_requests, send_command
-from axistwin_conformance.report.failures import Statement, decisive, manual, statements
+from axistwin_conformance.report.by_hand import FROM_STATE, again, send_command
+from axistwin_conformance.report.failures import TIMES, Statement, manual, statements
 from axistwin_conformance.report.json import plain
 from axistwin_conformance.transport.kinds import in_hex
 
@@ -401,19 +401,23 @@ class TerminalReport:
         if shown and shown[-1].transcript:
             self._transcript(shown[-1])
         self._print_command("   replay      ", event.replay)
-        requests = last_requests(shown[-1].transcript) if shown else []
+        requests = again(shown[-1].transcript, shown[-1].by_hand) if shown else []
         if self._run is not None and requests:
             self._print_command("   by hand     ", send_command(self._run, *requests))
+            if requests[1:]:
+                self._print(FROM_STATE, "dim", label=" " * 15)
+        elif shown and shown[-1].no_hand:
+            self._print(shown[-1].no_hand, label="   by hand     ")
 
     def _transcript(self, one: Statement) -> None:
         """The records that led to the verdict; all of them for those who ask."""
         records = one.transcript
-        count = len(records) if self._is_verbose else decisive(records)
-        rest = len(records) - count
-        before = f"; {counted(rest, 'line')} before that: --verbose, --report" if rest else ""
-        self._print(f"(ms from its beginning{before})", "dim", label="   transcript  ")
+        numbers = range(len(records)) if self._is_verbose else one.shown
+        rest = len(records) - len(numbers)
+        left_out = f"; {counted(rest, 'other line')}: --verbose, --report"
+        self._print(f"({TIMES}{left_out if rest else ''})", "dim", label="   transcript  ")
         origin_ns = records[0]["time_ns"]
-        for record in records[rest:]:
+        for record in (records[number] for number in numbers):
             time_ms = (record["time_ns"] - origin_ns) / 1e6
             who = "" if record["direction"] == "note" else record["direction"]
             data = f"{record['data']}  " if record["data"] else ""

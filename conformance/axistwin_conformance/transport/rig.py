@@ -51,9 +51,10 @@ class RigControl:
     `capability`: what checks call it, and name as their need.  `name`: what a command gets behind
     the verb; empty: the number that it is worked with.  `words`: it, behind "a rig that".
     `orders`: to a person, to turn it on or set it, and to turn it off or set it back; {name} and
-    {value} are filled in.  `twin`: the control of a twin, {} the number; or the two, with their
-    values, that turn it on and off.  `verb`: the capability unless given.  `rest`: its value when
-    nobody works it; None: as it was found.  `is_step`: nothing of it is put back.
+    {value} are filled in.  `done`: the same once it is done.  `twin`: the control of a twin, {} the
+    number; or the two, with their values, that turn it on and off.  `verb`: the capability unless
+    given.  `rest`: its value when nobody works it; None: as it was found.  `is_step`: nothing of it
+    is put back.
     `is_optional`: at a device without it, it does nothing.
     """
 
@@ -61,6 +62,7 @@ class RigControl:
     name: str
     words: str
     orders: tuple[str, str]
+    done: tuple[str, str]
     twin: str | Mapping[bool, tuple[str, str | None]]
     verb: str = ""
     rest: bool | None = False
@@ -82,6 +84,7 @@ POWER: Final = RigControl(
     "supply",
     "switches the supply off and on",
     ("Switch the supply on.", "Switch the supply off."),
+    ("the power was switched on", "the power was switched off"),
     "power",
     rest=True,
 )  # of every device
@@ -121,8 +124,16 @@ class Act:
     @property
     def order(self) -> str:
         """What a person is asked to do."""
-        order = self.control.orders[self.value is None or self.value is False]
-        return order.format(name=self.words[1], value=self.words[2])
+        return self._said(self.control.orders)
+
+    @property
+    def done(self) -> str:
+        """What has been done, as a clause."""
+        return self._said(self.control.done)
+
+    def _said(self, texts: tuple[str, str]) -> str:
+        text = texts[self.value is None or self.value is False]
+        return text.format(name=self.words[1], value=self.words[2])
 
 
 class Rig(ABC):
@@ -180,7 +191,7 @@ class Rig(ABC):
             raise
         if act.is_at_rest:
             self._disturbed.pop(key, None)
-        self._target.mark(f"rig: {act}")
+        self._target.mark(f"rig: {act.done}")
         window = before_ns, self._target.now_ns
         if self._target.travel_guard is not None:  # the counter may not be what it was
             self._target.travel_guard.worked(act.control.capability, window)

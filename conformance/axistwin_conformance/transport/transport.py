@@ -34,6 +34,7 @@ from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, TwinC
 from axistwin_conformance.base.transcript import Direction, Record, Transcript
 from axistwin_conformance.transport.lateness import Lateness
 
+LATEST = 8  # records: among them is what came during a wait, if anything did
 SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the transcript
 HELD_NS = 100_000_000  # of silence, after which nothing belongs to what has come any more
 LONGEST_NS = 500_000_000  # that the rest of what is held back may take beyond a time-out
@@ -316,7 +317,10 @@ class Transport(ABC):
 
     def _note_silence(self, started_ns: int) -> None:
         passed_ms = (self.now_ns - started_ns) / 1e6
-        text = f"nothing for {passed_ms:.0f} ms"
+        others = self.transcript.since(max(0, self.transcript.position - LATEST))
+        is_alone = all(one.time_ns <= started_ns for one in others if one.data)
+        what = "nothing" if is_alone else "not what was awaited"
+        text = f"{what} for {passed_ms:.0f} ms"
         self.transcript.note(started_ns, Direction.SILENCE, text=text)
 
     def _fenced(self, left_ns: int) -> int:

@@ -18,6 +18,7 @@ NEAR = 0.05  # a number that a device shows is measured
 SOUND: Mapping[str, tuple[int, int]] = {
     "boot_time_ms": (1500, 2400),
     "reply_latency_us": (0, 450_000),
+    "imax_value": (0x60, 0xFF),  # what 01h stores, and the manual's example, are no more
     "packet_timeout_ms": (260, 60_000),
     "ack_timeout_ms": (100, 60_000),
     "response_delay_ms": (0, 3000),
@@ -27,11 +28,17 @@ SOUND: Mapping[str, tuple[int, int]] = {
     "self_test_ms": (0, 5000),
     "data_size": (4096, 65_536),  # of which the sweep names variables
 }
-# What is of the line and not of the unit: several units cannot be on RS-232.
-OF_THE_LINE = frozenset({"transport"})
-# Texts have no values to draw from.
-TEXTS: Mapping[str, tuple[str, ...]] = {
+# Switches that a device of that model cannot have at another value: MACS-CMD-1C-01, MACC-CMD-0C-01;
+# several units cannot be on RS-232.
+FIXED: Mapping[str, frozenset[str]] = {
+    "mac23": frozenset({"factory_tolerance"}),
+    "mac23-can": frozenset({"factory_tolerance", "imax_value"}),
+    "msc-250": frozenset({"transport"}),
+}
+# Texts have no values to draw from, and of a mask not every number is one (MACC-EMCY-02).
+VALUES: Mapping[str, tuple[str, ...]] = {
     "brake_increments": ("0", "1", "30", "300", "900"),
+    "emcy_trigger_mask": ("FFFFFFFFh", "FF0F0000h", "FF000080h"),
     "mac34_limits": ("24/60/64/85",),
     "emcy_code_map": (
         "10/4210/09,01/3110/05,40/3210/05,20/3220/05", "40/3210/05,20/3220/05,01/3100/05",
@@ -41,6 +48,8 @@ TEXTS: Mapping[str, tuple[str, ...]] = {
 
 def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
     """Every value but the default; of a number the ends and some between."""
+    if quirk.name in VALUES:
+        return VALUES[quirk.name]
     if quirk.kind == "number":
         default = quirk.parse(quirk.default)
         assert isinstance(default, int)
@@ -50,16 +59,20 @@ def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
         found = {low, high, *near, *between} - {default}
         return tuple(str(one) for one in sorted(found))
     if quirk.kind == "text":
-        return TEXTS.get(quirk.name, ())
-    if quirk.name in OF_THE_LINE:
         return ()
     return tuple(one for one in quirk.allowed if one != quirk.default)
+
+
+def open_to(model: str) -> Mapping[str, Quirk]:
+    """The switches of which a device of that model may have any value."""
+    quirks = models()[model].quirks
+    return {name: one for name, one in quirks.items() if name not in FIXED[model]}
 
 
 def singles(model: str, seed: str) -> list[dict[str, str]]:
     """Every switch at each of its other values."""
     draw = random.Random(seed)
-    quirks = models()[model].quirks
+    quirks = open_to(model)
     return [{name: one} for name, quirk in quirks.items() for one in values_of(quirk, draw)]
 
 
@@ -67,7 +80,7 @@ def drawn(model: str, seed: str) -> Iterator[dict[str, str]]:
     """Without end: two switches at once, and every third time one."""
     draw = random.Random(seed)
     while True:
-        quirks = models()[model].quirks
+        quirks = open_to(model)
         known = [name for name, quirk in quirks.items() if values_of(quirk, draw)]
         names = draw.sample(known, 2 if draw.random() < 2 / 3 else 1)
         yield {name: draw.choice(values_of(quirks[name], draw)) for name in names}
@@ -102,6 +115,8 @@ def _is_same(model: str, name: str, told: str, right: str) -> bool:
     if told in (right, "*"):
         return True
     quirk = models()[model].quirks[name]
+    if name == "brake_increments" and {told, right} == {"plant", "0"}:
+        return True  # of an ideal plant it is the same
     if quirk.kind == "text":
         return False
     try:

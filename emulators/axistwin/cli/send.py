@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,18 @@ if TYPE_CHECKING:
     from axistwin.wire.can_frame import CanFrame
 
 EXIT_SILENT = 1
+
+WAIT = re.compile(r"wait (?P<number>\d+(?:\.\d+)?) ?(?P<unit>ms|s)")
+"""A pause in place of a command."""
+
+BROADCASTS = frozenset({0x000, 0x080})
+"""Identifiers of network management and SYNC (CiA 301)."""
+
+SHORTEST_S = 1e-6
+"""Of a pause: less is lost in rounding."""
+
+UNASKED_BYTES = 4096
+"""More than a device says by itself in a pause."""
 
 GAP_S = 0.3
 """A silence within a reply, at most: an MSC takes its time behind its ACK."""
@@ -64,8 +77,9 @@ def send(
     INTERFACE:CHANNEL of python-can.
 
     COMMAND is one of: words, as 'axistwin decode' shows them, or shorter; an index such as 20h,
-    with or without a value; bytes in hex; a frame as cansend takes it.  A missing checksum is
-    added; all other bytes are sent as they are, wrong ones too.
+    with or without a value; bytes in hex; a frame as cansend takes it; a pause such as
+    'wait 350 ms'.  A missing checksum is added; all other bytes are sent as they are, wrong
+    ones too.
 
     \b
     axistwin send ./mac23 'go to 125'
@@ -81,10 +95,12 @@ def send(
     talk = _over_can if model.carrier == "can" else _over_line
     is_answered = True
     for request, reply in talk(model, place, requests, baud or model.default_baud, timeout_s):
-        click.echo(_row(model, ">", request))
+        click.echo(
+            f"> wait {request:g} s" if isinstance(request, float) else _row(model, ">", request)
+        )
         for part in reply:
             click.echo(_row(model, "<", part))
-        if not reply:
+        if not reply and _is_asked(request):
             click.echo(f"< nothing within {timeout_s:g} s")
             is_answered = False
     return 0 if is_answered else EXIT_SILENT
@@ -95,8 +111,10 @@ def _row(model: Model, arrow: str, content: bytes | CanFrame) -> str:
     return f"{arrow} {shown}  {model.explain(content)}".rstrip()
 
 
-def _request(model: Model, address: int, text: str) -> bytes | CanFrame:
-    """What ``text`` says.  Raises UsageError."""
+def _request(model: Model, address: int, text: str) -> bytes | CanFrame | float:
+    """What ``text`` says; a pause as its seconds.  Raises UsageError."""
+    if pause := WAIT.fullmatch(text):
+        return float(pause["number"]) / (1000 if pause["unit"] == "ms" else 1)
     found = READERS[model.carrier](text)
     if found is not None and found.content is not None:
         content = found.content
@@ -174,7 +192,7 @@ def _address(port: str, model: Model) -> int:
 
 def _over_line(
     model: Model, place: str, requests: list[Any], baud: int, timeout_s: float
-) -> Iterator[tuple[bytes, list[bytes]]]:
+) -> Iterator[tuple[bytes | float, list[bytes]]]:
     """Each of ``requests`` with what came back.  Raises PortError."""
     import serial
 
@@ -184,6 +202,10 @@ def _over_line(
         with serial.serial_for_url(place, baudrate=baud, timeout=timeout_s) as port:
             port.reset_input_buffer()
             for request in requests:
+                if isinstance(request, float):
+                    port.timeout = request
+                    yield request, [said] if (said := port.read(UNASKED_BYTES)) else []
+                    continue
                 port.write(request)
                 port.timeout = timeout_s
                 reply = bytearray()
@@ -194,6 +216,8 @@ def _over_line(
                         port.write(thanks)
                         port.flush()
                         break
+                    if model.family.is_whole(bytes(reply)):
+                        break
                 yield request, [bytes(reply)] if reply else []
     except (serial.SerialException, OSError) as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
@@ -202,9 +226,29 @@ def _over_line(
         raise PortError(f"{place}: {reason}") from None
 
 
+def _is_asked(request: bytes | CanFrame | float) -> bool:
+    """Whether something answers to it: not to a pause, nor to what is said to a whole bus."""
+    if isinstance(request, float):
+        return False
+    return isinstance(request, bytes) or request.identifier not in BROADCASTS
+
+
+def _pause(bus: Any, seconds: float) -> Iterator[Any]:
+    """Let so much time of ``bus`` pass, and give what is said meanwhile."""
+
+    def now_s() -> float:
+        virtual_ns = getattr(bus, "virtual_time_ns", None)
+        return time.monotonic() if virtual_ns is None else virtual_ns / 1e9
+
+    end_s = now_s() + seconds
+    while (left_s := end_s - now_s()) > SHORTEST_S:
+        if (message := bus.recv(left_s)) is not None:
+            yield message
+
+
 def _over_can(
     model: Model, place: str, requests: list[Any], bitrate: int, timeout_s: float
-) -> Iterator[tuple[CanFrame, list[CanFrame]]]:
+) -> Iterator[tuple[CanFrame | float, list[CanFrame]]]:
     """Each of ``requests`` with what came back.  Raises PortError."""
     import can
 
@@ -217,9 +261,16 @@ def _over_can(
     try:
         with can.Bus(interface=interface, channel=channel, **settings) as bus:
             for request in requests:
-                bus.send(message_of(request))
                 replies: list[CanFrame] = []
-                while not replies and (message := bus.recv(timeout_s)) is not None:
+                if isinstance(request, float):
+                    yield request, [frame_of(message) for message in _pause(bus, request)]
+                    continue
+                bus.send(message_of(request))
+                while (
+                    _is_asked(request)
+                    and not replies
+                    and (message := bus.recv(timeout_s)) is not None
+                ):
                     if message.is_error_frame or message.is_fd:
                         continue
                     frame = frame_of(message)

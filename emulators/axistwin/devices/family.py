@@ -84,6 +84,10 @@ class Family(ABC):
         """What a host says to ``reply``; empty for nothing, or while more of it is to come."""
         return b""
 
+    def is_whole(self, reply: bytes) -> bool:
+        """Whether nothing more belongs to ``reply``; False also where nobody can tell."""
+        return False
+
 
 @dataclass(frozen=True, slots=True)
 class Model:

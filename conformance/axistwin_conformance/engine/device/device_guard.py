@@ -39,16 +39,15 @@ from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.line_quality import LineQuality
 from axistwin_conformance.base.transcript import last_exchange
-from axistwin_conformance.base.verdicts import Finding, Verdict
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import (
-    EXCERPT_RECORDS,
     QUIET_WAIT_S,
     Run,
     Session,
     Stop,
-    failure_sentence,
+    failure,
 )
 from axistwin_conformance.engine.attempts import describe
 from axistwin_conformance.engine.device import keeping
@@ -481,9 +480,10 @@ class DeviceGuard:
     ) -> None:
         """Tell it as what a check numbered 0 has found: before, between or after the others."""
         check = Check.named(act, behaviour, __name__, requirements=(violation.requirement,))
-        said = (violation.expected,), violation.actual, session.records(EXCERPT_RECORDS)
-        words = failure_sentence(session, *said[:2])
-        finding = Finding(violation.requirement, Verdict.FAIL, text, *said, words)
+        finding = replace(
+            failure(session, violation.requirement, (violation.expected,), violation.actual),
+            text=text,
+        )
         result = CheckResult(check, Outcome.DONE, (finding,), tuple(session.retries), 0.0, "")
         self.violations.append(result)
         self.emit(events.CheckStarted(0, 0, act, behaviour, check.requirements))

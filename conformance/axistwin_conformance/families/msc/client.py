@@ -21,6 +21,7 @@ from typing import Final
 
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, STX, Packet
 from axistwin_conformance.transport.serial import SerialTransport
@@ -75,6 +76,11 @@ class MscExchange:
 
     def __str__(self) -> str:
         return codec.explain(self.raw) or "nothing"
+
+    def observed(self) -> Observation:
+        """What the unit did with the packet, in words."""
+        did = f"was answered with {self}" if self.raw else f"got no answer{WAITED}"
+        return Observation(f"{REQUEST} {did}", str(self), "", self.request, is_whole=False)
 
 
 class MscClient:

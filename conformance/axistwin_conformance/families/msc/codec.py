@@ -194,7 +194,7 @@ class Packet:
             f"unit {self.unit}": self.unit not in UNITS,
             f"length {self.length} over {len(self.body)} bytes": self.length != len(self.body),
             f"a body of {len(self.body)} bytes": len(self.body) > MAX_BODY,
-            f"checksum {self.checksum:04X}, should be {right:04X}": self.checksum != right,
+            f"checksum {self.checksum:04X}h instead of {right:04X}h": self.checksum != right,
         }
         return tuple(text for text, is_wrong in flaws.items() if is_wrong)
 
@@ -239,6 +239,12 @@ def missing_bytes(received: bytes) -> int:
     return max(0, AROUND_BODY + min(announced, MAX_BODY) - len(received))
 
 
+def is_whole(raw: bytes) -> bool:
+    """True for bytes that are a packet without flaws."""
+    packet = parse(raw)
+    return packet is not None and packet.is_sound
+
+
 def flags_on(states: bytes) -> frozenset[int]:
     """The flags that the 32 bytes of an RFLAGS reply show on: flag f is bit f mod 8 of byte f / 8
     (MSC-RFLAGS-02)."""
@@ -255,14 +261,15 @@ def flags_on(states: bytes) -> frozenset[int]:
 _SIGNS: Final = {ACK: "ACK", NAK: "NAK"}
 
 
-def explain_packet(packet: Packet) -> str:
-    """A packet in words: ``1: DREAD, 1234``."""
-    words = f"{packet.unit}: {packet.name if packet.name.isprintable() else packet.body.hex(' ')}"
+def explain_packet(packet: Packet, *, is_request: bool = False) -> str:
+    """A packet in words: ``unit 1: DREAD 1234``."""
+    words = packet.name if packet.name.isprintable() else packet.body.hex(" ")
     if text := _values(packet):
-        words += f", {text}"
+        is_reply = not is_request and packet.name in READS
+        words += f" = {text}" if is_reply else f" {text}"
     if packet.block:
-        words += f", block {packet.block:04X}h"
-    return "; ".join((words, *packet.flaws))
+        words += f" (block {packet.block:04X}h)"
+    return "; ".join((f"unit {packet.unit}: {words}", *packet.flaws))
 
 
 def _values(packet: Packet) -> str:
@@ -277,9 +284,9 @@ def _values(packet: Packet) -> str:
     if name == "DREAD" and size == VALUE_BYTES:
         return str(packet.values[0])
     if name == "RFLAGS" and size == REPLY_PAYLOADS["RFLAGS"]:
-        return f"on: {listed(sorted(flags_on(payload))) or 'none'}"
+        return f"{listed(sorted(flags_on(payload))) or 'none'} on"
     if name == "RQSTAT" and size >= 2:
-        return f"status {packet.numbers[0]}, then {payload[2:].hex(' ')}"
+        return f"{packet.numbers[0]:04X}h, then {payload[2:].hex(' ').upper()}"
     return str(packet.numbers[0]) if size == 2 else payload.hex(" ").upper()
 
 
@@ -320,5 +327,12 @@ def explain_request(data: bytes) -> str:
         return "nothing sent"
     if data in _SIGNS:
         return _SIGNS[data]
-    packet = parse(data)
-    return f"{len(data)} bytes: {data.hex(' ').upper()}" if packet is None else str(packet)
+    packet, more = parse(data), missing_bytes(data)
+    if data[:1] == STX and more:
+        size = (
+            f"{len(data)} of {len(data) + more} bytes" if len(data) >= 4 else f"{len(data)} bytes"
+        )
+        return f"a packet broken off after {size} ({data.hex(' ').upper()})"
+    if packet is None:
+        return f"{len(data)} bytes: {data.hex(' ').upper()}"
+    return explain_packet(packet, is_request=True)

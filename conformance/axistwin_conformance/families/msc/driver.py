@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from axistwin_conformance.base.retry import RETRY
-from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.session import SHOWN, Session
+from axistwin_conformance.core.wording import Observation
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import MscClient, MscExchange
 from axistwin_conformance.families.msc.codec import RQSTAT, Packet
@@ -49,10 +50,14 @@ class MscDriver:
         return bool(self.session.run.model.facts.has_rflags)
 
     def reading(
-        self, switch: str, seen: str | Sequence[str], requirement: str | Sequence[str] | None = None
+        self,
+        switch: str,
+        seen: str | Sequence[str],
+        requirement: str | Sequence[str] | None = None,
+        shown: Observation = SHOWN,
     ) -> None:
         """Judge which reading of an ambiguity the device follows here; see `Session.quirk`."""
-        self.session.quirk(requirement, switch, seen)
+        self.session.quirk(requirement, switch, seen, shown)
 
     # --- asking -----------------------------------------------------------------------------------
 
@@ -157,7 +162,7 @@ class MscDriver:
         """Judge that a reading command draws ACK and a reply, in words `what`; the reply."""
         exchange = self.ask(body)
         is_served = exchange.is_acked and exchange.reply is not None
-        self.session.expect(is_served, names, f"ACK, and {what}", exchange)
+        self.session.expect(is_served, names, f"ACK, and {what}", exchange.observed)
         assert exchange.reply is not None
         return exchange.reply
 

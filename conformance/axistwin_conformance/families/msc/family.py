@@ -78,14 +78,17 @@ class Msc(Family):
 
     def in_words(self, request: bytes, reply: bytes) -> Exchange:
         """Put an exchange into the words of a failure; the host's receipts are left out."""
-        packet = codec.parse(request)
-        words = "" if request in (codec.ACK, codec.NAK) else codec.explain_request(request)
+        if request in (codec.ACK, codec.NAK):
+            return Exchange("", is_altered=request == codec.NAK)
+        packet, words = codec.parse(request), codec.explain_request(request)
+        name = packet.name if packet is not None else ""
         unit, _, rest = words.partition(": ")
-        if packet is not None and not packet.name.isalpha():
-            words = f"{len(request)} bytes of a packet: {request.hex(' ').upper()}"
-        elif packet is not None:
-            words = rest if packet.unit == self.default_address else f"{rest}, to unit {unit}"
-        return Exchange(words, is_query=packet is not None and packet.name in codec.READS)
+        if packet is not None and rest and unit.startswith("unit "):
+            words, _, flaws = rest.partition("; ")
+            words += "" if packet.unit == self.default_address else f" to {unit}"
+            words += f" with {flaws}" if flaws else ""
+        is_setting = name in codec.WRITES and codec.is_whole(request)
+        return Exchange(words, is_query=not is_setting, is_setting=is_setting)
 
     def driver(self, session: Session, address: int | None = None) -> MscDriver:
         """A unit on the line."""

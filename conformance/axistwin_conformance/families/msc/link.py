@@ -9,7 +9,7 @@ reading is a whole number of ms, so that one ms is allowed for that on either si
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -149,7 +149,12 @@ class MscLink:
         is_so = exchange.sign == sign and not exchange.extra
         if sign != ACK:
             is_so = exchange.raw == sign
-        self.session.expect(is_so, names, f"{text} to {what}", exchange)
+        self.session.expect(
+            is_so,
+            names,
+            f"{text} to {what}",
+            lambda: replace(exchange.observed(), wanted=f"{text} ({what})"),
+        )
         self.nothing_more(names, what)
         return exchange
 
@@ -165,7 +170,7 @@ class MscLink:
         exchange = self._ask(RQSTAT)
         reply = exchange.reply
         is_good = exchange.is_acked and reply is not None and reply.name == "RQSTAT"
-        self.session.expect(is_good, names, "ACK and a reply to RQSTAT", exchange)
+        self.session.expect(is_good, names, "ACK and a reply to RQSTAT", exchange.observed)
         assert reply is not None
         return reply
 
@@ -180,7 +185,7 @@ class MscLink:
         self._measure_latency()
         exchange = self._ask(body, answer=None)
         is_good = exchange.is_acked and exchange.reply is not None and exchange.reply.is_sound
-        self.session.step(is_good, "ACK and a reply", exchange)
+        self.session.step(is_good, "ACK and a reply", exchange.observed)
         assert exchange.reply is not None
         return exchange.reply
 

@@ -15,6 +15,7 @@ MSC_CONTROLS: Final = rig_controls(
         "",
         "works the inputs, timers and motors behind the controller's flags",
         ("Work the machine until flag {name} is on.", "Let flag {name} go off again."),
+        ("the machine turned flag {name} on", "the machine turned flag {name} off"),
         "flags.{}",
     ),
     RigControl(
@@ -22,6 +23,7 @@ MSC_CONTROLS: Final = rig_controls(
         "",
         "brings about the conditions of the status word",
         (f"Bring about {CONDITION}", f"End {CONDITION}"),
+        ("the condition of status bit {name} began", "the condition of status bit {name} ended"),
         "status_bits.{}",
     ),
     RigControl(
@@ -29,6 +31,7 @@ MSC_CONTROLS: Final = rig_controls(
         "memory",
         "takes the battery of the memory away",
         ("Take the battery of the memory away.", "Put a good battery of the memory in."),
+        ("the battery of the memory was removed", "a good battery of the memory was put in"),
         {True: ("battery", "flat"), False: ("battery", "good")},
     ),
     POWER,
@@ -37,6 +40,7 @@ MSC_CONTROLS: Final = rig_controls(
         "macroprogram",
         "starts and stops the macroprogram",
         ("Start the macroprogram.", "Stop the macroprogram."),
+        ("the macroprogram was started", "the macroprogram was stopped"),
         {True: ("start_program", None), False: ("stop_program", None)},
         rest=True,
     ),

@@ -32,9 +32,9 @@ class ReplyKind(Enum):
 
 
 _KINDS_IN_WORDS: Final = {
-    ReplyKind.ACCEPTED: "that it is accepted",
-    ReplyKind.REFUSED: "that it is refused",
-    ReplyKind.NACK: "a Nack",
+    ReplyKind.ACCEPTED: "acceptance",
+    ReplyKind.REFUSED: "a refusal",
+    ReplyKind.NACK: "Nack",
     ReplyKind.ANSWER: "an answer",
     ReplyKind.GARBAGE: "garbage",
     ReplyKind.SILENCE: "no reply",
@@ -74,10 +74,10 @@ COMMAND_NAMES: Final = {
     0x08: "set address",
     0x09: "superior software stop",
     0x0A: "inferior software stop",
-    0x0B: "counter reset",
+    0x0B: "position counter reset",
     0x0C: "torque limit",
     0x0D: "maximum-speed period",
-    0x0E: "catch-up speed",
+    0x0E: "unstall (catch-up) speed",
     0x0F: "ramp coefficient",
     0x10: "wait for synchro",
     0x11: "synchro",

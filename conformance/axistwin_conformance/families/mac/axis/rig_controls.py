@@ -12,13 +12,15 @@ CONTACT: Final = ("Close the contact of the {} input.", "Open the {} contact.")
 def _input(name: str, close: str, leave: str) -> RigControl:
     noun = name.replace("_", " ")
     words, orders = f"works the {noun} input", (close.format(noun), leave.format(noun))
-    return RigControl(name, name, words, orders, f"inputs.{name}", "input", is_optional=True)
+    done = f"the {noun} input was activated", f"the {noun} input was released"
+    return RigControl(name, name, words, orders, done, f"inputs.{name}", "input", is_optional=True)
 
 
-def _fault(name: str, words: str) -> RigControl:
+def _fault(name: str, words: str, fault: str) -> RigControl:
     noun = name.replace("_", " ")
     orders = (f"Let there be this fault: {noun}.", f"End the fault: {noun}.")
-    return RigControl(name, name, words, orders, f"faults.{name}", "fault")
+    done = f"the fault began: {fault}", f"the fault ended: {fault}"
+    return RigControl(name, name, words, orders, done, f"faults.{name}", "fault")
 
 
 # In the order in which they are put back.
@@ -28,6 +30,7 @@ AXIS_CONTROLS: Final = rig_controls(
         "shaft",
         "turns the shaft by hand",
         ("Turn the shaft by about {value} increments (+ is clockwise).", ""),  # facing the flange
+        ("the shaft was turned by {value} increments", ""),
         "push",
         is_step=True,
     ),
@@ -36,11 +39,12 @@ AXIS_CONTROLS: Final = rig_controls(
         "shaft",
         "holds the shaft against the motor",
         ("Hold the shaft fast.", "Let the shaft go."),
+        ("the shaft was held", "the shaft was released"),
         "load.held",
     ),
-    _fault("micro_cut", "makes a micro-cut of the supply"),
-    _fault("amplifier", "makes the amplifier report a fault"),
-    _fault("encoder", "takes the encoder away"),
+    _fault("micro_cut", "makes a micro-cut of the supply", "power line disturbance"),
+    _fault("amplifier", "makes the amplifier report a fault", "amplifier fault"),
+    _fault("encoder", "takes the encoder away", "encoder fault"),
     *(_input(name, *CONTACT) for name in ("reference", "positive_stop", "negative_stop")),
     _input("reset", "Hold the {} input low.", "Release the {} input."),
     RigControl(
@@ -48,6 +52,7 @@ AXIS_CONTROLS: Final = rig_controls(
         "celsius",
         "sets the module's temperature",
         ("Bring the module to {value} °C.", "Bring the module back to its usual temperature."),
+        ("the temperature was set to {value} °C", "the temperature was set back"),
         "temperature_celsius",
         rest=None,
     ),
@@ -56,6 +61,7 @@ AXIS_CONTROLS: Final = rig_controls(
         "volts",
         "sets the supply voltage",
         ("Set the supply to {value} V.", "Set the supply back to its usual voltage."),
+        ("the supply was set to {value} V", "the supply was set back"),
         "supply_volts",
         rest=None,
     ),

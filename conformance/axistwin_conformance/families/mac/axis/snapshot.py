@@ -335,7 +335,7 @@ def _clear_fault(driver: AxisDriver) -> None:
         return
     for _ in range(_attempts(driver.session)):  # 00h may be silent: only 21h tells it was obeyed
         faults = driver.client.ask(0x21).reply.data or 0
-        if not faults >> 24 & DISJUNCTIONS:
+        if not faults >> 24 & DISJUNCTIONS & driver.client.face.faults:
             return
         driver.client.command(0x00)
         driver.motion.wait_awake()

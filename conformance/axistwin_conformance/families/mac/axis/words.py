@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.base.errors import counted
 from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.families.mac.axis.exchanges import (
     COMMAND_NAMES,
@@ -11,9 +12,17 @@ from axistwin_conformance.families.mac.axis.exchanges import (
     QUERY_NAMES,
     signed,
 )
-from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, SHOWN_BY
+from axistwin_conformance.families.mac.axis.parameters import (
+    PARAMETERS,
+    SHOWN_BY,
+    AxisParameter,
+)
 
+POSITION: Final = 0x20
+MOTIONS: Final = frozenset({0x11, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x1E})
 WITHOUT_PARAMETER: Final = frozenset({0x00, 0x01, 0x0B, 0x10, 0x11, 0x14, 0x17, 0x18, 0x19, 0x1A})
+NOT_USED: Final = "not used"
+TICK: Final = "× 0.125 µs"  # the unit of a period
 NAMES: Final = {  # of the fields of an answer
     "standby": "torque at rest",
     "stops": "stops mode",
@@ -21,45 +30,69 @@ NAMES: Final = {  # of the fields of an answer
     "inferior": "inferior software stop",
     "torque": "torque limit",
     "period": "period",
-    "catch_up": "catch-up speed",
+    "catch_up": "unstall (catch-up) speed",
     "coefficient": "ramp coefficient",
     "tolerance": "tolerance",
 }
-# Bytes of the answers to 21h and 27h (MACS-Q-21-01, MACS-Q-27-01).
+UNITS: Final = {"period": TICK, "superior": "increments", "inferior": "increments"}
+# The bytes of answers by the letters of the manual (MACS-Q-21-01, MACS-Q-27-01).
+STATUS_BYTES: Final = {0x21: ("dd", "ff", "", "hh"), 0x27: ("tt", "vv", "cc", "dd")}
 GLOSSARY: Final = {
-    "dd": "fault byte dd",
-    "ff": "stops byte ff",
-    "hh": "memories byte hh",
-    "cc": "state byte cc",
-    "tt": "temperature byte tt",
-    "vv": "supply byte vv",
+    "dd": "fault byte dd of 21h",
+    "ff": "stops byte ff of 21h",
+    "hh": "memories byte hh of 21h",
+    "cc": "state byte cc of 27h",
+    "tt": "temperature byte tt of 27h",
+    "vv": "supply byte vv of 27h",
 }
 
 
 def request_words(index: int, parameter: int, named: str = "") -> str:
-    """A command or a query: ``13h go to position -500``; `named`: its number, as it was sent."""
-    name = COMMAND_NAMES.get(index) or QUERY_NAMES.get(index) or "unassigned"
-    words = f"{named or f'{index:02X}h'} {name}"
+    """A command or a query: ``13h (go to position -500)``; `named`: its number, as it was sent."""
+    name = COMMAND_NAMES.get(index) or QUERY_NAMES.get(index) or NOT_USED
+    words = _with_value(index, parameter, name)
+    return f"{named or f'{index:02X}h'} ({words})"
+
+
+def _with_value(index: int, parameter: int, name: str) -> str:
     if (index in QUERIES or index in WITHOUT_PARAMETER) and not parameter:
-        return words
+        return name
     if index == 0x13:
-        return f"{words} {signed(parameter)}"
+        return f"{name} {signed(parameter)}"
     if index in (0x16, 0x1E):
-        return f"{words} of {signed(parameter >> 16, 16)} steps at period {parameter & 0xFFFF}"
+        steps, period = signed(parameter >> 16, 16), parameter & 0xFFFF
+        return f"{name} of {steps} steps at period {period} {TICK}"
     if index == 0x15:
         way = "counter-clockwise" if parameter >> 16 & 0xFF == 0xF6 else "clockwise"
-        return f"{words} {way} at period {parameter & 0xFFFF}"
+        return f"{name} {way} at period {parameter & 0xFFFF} {TICK}"
     known = PARAMETERS.get(index)
     if known is not None and known.parameter(known.taken(parameter)) & 0xFFFF_FFFF == parameter:
-        return f"{words} {known.taken(parameter)}"
-    return f"{words} {parameter:08X}"
+        unit = f" {TICK}" if known.name == "period" else ""
+        return f"{name} {known.taken(parameter)}{unit}"
+    return f"{name} {parameter:08X}h"
 
 
 def answer_words(query: int, data: int) -> str:
-    """The fields of an answer; empty where the number says it all."""
-    if query == 0x21:
-        return f"faults {data >> 24:02X}, stops {data >> 16 & 0xFF:02X}, memories {data & 0xFF:02X}"
-    return ", ".join(f"{NAMES[one.name]} {one.read(data)}" for one in SHOWN_BY.get(query, ())[::-1])
+    """The fields of an answer, as the manual names them; empty where the number says it all."""
+    if query in STATUS_BYTES:
+        named = zip(STATUS_BYTES[query], data.to_bytes(4, "big"), strict=True)
+        return ", ".join(f"{name} = {byte:02X}h" for name, byte in named if name)
+    return ", ".join(
+        " ".join((NAMES[one.name], str(_shown(one, data)), UNITS.get(one.name, ""))).rstrip()
+        for one in sorted(SHOWN_BY.get(query, ()), key=lambda part: -part.shift)
+    )
+
+
+def data_words(query: int, data: int) -> str:
+    """The number of an answer, in words: its fields, a position, or the number as it is."""
+    if query == POSITION:
+        return counted(signed(data), "increment")
+    return answer_words(query, data) or f"{data:08X}h"
+
+
+def _shown(parameter: AxisParameter, data: int) -> int:
+    value = parameter.read(data)
+    return signed(value, parameter.bits) if parameter.is_signed else value
 
 
 def exchange_words(words: str, index: int, data: int | None) -> Exchange:
@@ -67,5 +100,12 @@ def exchange_words(words: str, index: int, data: int | None) -> Exchange:
     is_query = index in QUERIES
     name = QUERY_NAMES.get(index, "") if is_query else ""
     answer = answer_words(index, data) if is_query and data is not None else ""
-    fields = f"{index:02X}h: {answer}" if answer else ""
-    return Exchange(words, is_query, "position" if name == "position" else "", fields)
+    quantity = "position" if name == "position" else ""
+    return Exchange(
+        words,
+        is_query,
+        quantity,
+        answer,
+        is_setting=index in PARAMETERS,
+        is_motion=index in MOTIONS,
+    )

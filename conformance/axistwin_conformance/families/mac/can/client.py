@@ -20,6 +20,7 @@ from dataclasses import replace
 from typing import ClassVar, Final
 
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
 from axistwin_conformance.families.mac.axis.driver.client import (
     QUIET_S,
     AxisClient,
@@ -54,6 +55,7 @@ class CanClient(AxisClient):
         answered=codec.ANSWERED,
         may_be_silent=MAY_BE_SILENT,
         repeatable=REPEATABLE,
+        signs={ReplyKind.ACCEPTED: "60h", ReplyKind.REFUSED: "80h"},
         unassigned=(  # MACC-AMB-15
             (ReplyKind.REFUSED, ReplyKind.REFUSED),
             (ReplyKind.ACCEPTED, ReplyKind.ANSWER),
@@ -61,6 +63,7 @@ class CanClient(AxisClient):
         ),
         missing=(0x08, 0x1B, 0x28, 0x29),  # address, rate, memory
         has_sync=True,  # another way than 11h to start what is preloaded
+        faults=0x71,  # those of the MAC34 are none here (§5.1)
     )
 
     def __init__(self, session: Session, address: int | None = None) -> None:
@@ -257,11 +260,13 @@ class CanClient(AxisClient):
 
         return self.target.receive_spontaneous(is_ours, timeout_s)
 
-    def silence_after(self, request: CanRequest | Frame) -> tuple[bool, str, object]:
+    def silence_after(self, request: CanRequest | Frame) -> tuple[bool, str, Observation]:
         """See `AxisClient.silence_after`; a reply of any kind, to whomever, counts."""
         frame = request if isinstance(request, Frame) else request.frame()
         self.target.drain()
         self.target.send(frame)
         reply = self.target.receive(codec.is_reply, QUIET_S + self.target.uncertainty_ns / 1e9)
         actual = "silence" if reply is None else codec.explain(reply.frame)
-        return reply is None, f"silence after {codec.explain(frame)}", actual
+        did = f"got no reply{WAITED}" if reply is None else f"was answered with {actual}"
+        seen = Observation(f"{REQUEST} {did}", actual, request=frame.pack(), is_whole=False)
+        return reply is None, self.wanted(ReplyKind.SILENCE), seen

@@ -30,10 +30,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from axistwin_conformance.base.errors import counted
 from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES as AXIS_COMMANDS
 from axistwin_conformance.families.mac.axis.exchanges import QUERY_NAMES as AXIS_QUERIES
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind as ReplyKind
 from axistwin_conformance.families.mac.axis.exchanges import signed as signed
+from axistwin_conformance.families.mac.axis.words import NOT_USED, data_words
 from axistwin_conformance.transport.can_frame import Frame
 
 NMT: Final = 0x000
@@ -338,7 +340,7 @@ def mismatch(request: CanRequest, frame: Frame) -> str:
     command, repeated = frame.data[0], bytes(frame.data[1:4])
     if repeated != bytes([request.index_low, request.index_high, request.sub_index]):
         low, high, sub_index = repeated
-        return f"it is for {high:02X}{low:02X}h sub-index {sub_index:02X}"
+        return f"it is for {high:02X}{low:02X}h sub-index {sub_index:02X}h"
     if command in ANSWER_SPELLINGS and request.command == DOWNLOAD:
         return "it answers an upload, not a download"
     if command == ACCEPTED and request.command == UPLOAD:
@@ -486,33 +488,36 @@ def explain_reply(reply: CanReply) -> str:
     _, low, high, sub_index = reply.frame.data[:4]
     words = f"{reply.kind.value} {_index_words(low, high, sub_index)}"
     if reply.data is not None:
-        words += f": {reply.data:08X} ({signed(reply.data)})"
+        query = 0x20 + low
+        words += f": {data_words(query, reply.data) if high == INDEX_HIGH else ''}".rstrip(": ")
+        words += f" ({reply.data:08X}h)"
         spelling = reply.answer_spelling
         words += "" if spelling == "42h" else f", by {spelling}"
-    return words + (f", abort code {reply.abort_code:08X}" if reply.abort_code else "")
+    return words + (f", abort code {reply.abort_code:08X}h" if reply.abort_code else "")
 
 
 def _transfer_words(data: bytes) -> str:
     if len(data) != TRANSFER_BYTES:
-        return f"a request of {len(data)} bytes: {data.hex(' ').upper()}".rstrip(": ")
+        spelt = f" ({data.hex(' ').upper()})" if data else ""
+        return f"a request of {counted(len(data), 'byte')}{spelt}"
     command, low, high, sub_index = data[:4]
     where, filler = _index_words(low, high, sub_index), data[4:].hex().upper()
     if command == UPLOAD:
-        name = QUERY_NAMES.get(0x20 + low, "unassigned") if high == INDEX_HIGH else "unassigned"
+        name = QUERY_NAMES.get(0x20 + low, NOT_USED) if high == INDEX_HIGH else NOT_USED
         return f"upload {where} {name}" + ("" if data[4:] == ZEROS else f", filler {filler}")
-    name = COMMAND_NAMES.get(low, "unassigned") if high == INDEX_HIGH else "unassigned"
+    name = COMMAND_NAMES.get(low, NOT_USED) if high == INDEX_HIGH else NOT_USED
     form = "download" if command == DOWNLOAD else f"by {command:02X}h"
     return f"{form} {where} {name} {filler}"
 
 
 def _index_words(low: int, high: int, sub_index: int) -> str:
-    return f"{high:02X}{low:02X}h" + (f" sub-index {sub_index:02X}" if sub_index else "")
+    return f"{high:02X}{low:02X}h" + (f" sub-index {sub_index:02X}h" if sub_index else "")
 
 
 def _lmt_words(data: bytes) -> str:
     rest = f" ({len(data)} bytes)" if len(data) != TRANSFER_BYTES else ""
     if data[:1] == b"\x11" and len(data) > 1:
-        return f"address {data[1]:02X}h{rest}"
+        return f"new address {data[1]}{rest}"
     return LMT_WORDS.get(bytes(data[:2]), data.hex(" ").upper()) + rest
 
 

@@ -97,7 +97,11 @@ class MacCan(AxisFamily):
         frame, *others = unpack_all(request)
         index = codec.index_of(frame)
         if others or index is None:
-            return Exchange(self.explain(Record(0, Direction.HOST, request)))
+            words = self.explain(Record(0, Direction.HOST, request))
+            to, _, sent = words.partition(": ")
+            if to.startswith("to ") and len(frame.data) < codec.TRANSFER_BYTES:
+                return Exchange(f"{sent} {to}", is_query=True)
+            return Exchange(words, is_motion=frame.identifier == codec.SYNC)
         came = [codec.parse(one) for one in unpack_all(reply)]
         data = next((one.data for one in came if one.index == index), None)
         address = frame.identifier - codec.REQUEST

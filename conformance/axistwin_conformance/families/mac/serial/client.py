@@ -49,6 +49,11 @@ class SerialClient(AxisClient):
         answered=ANSWERED,
         may_be_silent=MAY_BE_SILENT,
         repeatable=REPEATABLE,
+        signs={
+            ReplyKind.ACCEPTED: "06 13 1A",
+            ReplyKind.REFUSED: "06 13 17",
+            ReplyKind.NACK: "15h",
+        },
         unassigned=(  # MACS-AMB-58
             (ReplyKind.REFUSED, ReplyKind.REFUSED),
             (ReplyKind.ACCEPTED, ReplyKind.ACCEPTED),
@@ -86,8 +91,14 @@ class SerialClient(AxisClient):
         if error != seen.get("xonerror_byte", error) and error is not None:
             return False
         if index in ANSWERED:
-            return reply.kind is ReplyKind.ANSWER
+            return reply.kind is ReplyKind.ANSWER and self._may_answer(index, reply)
         return reply.kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED, ReplyKind.ANSWER)
+
+    def _may_answer(self, index: int, reply: SerialReply) -> bool:
+        """True for the answer of any module of the line to that query, in any reading."""
+        whoever = {self.address, self.session.address, *self.session.neighbours, 0x00}
+        digits = {index & 0xF, OTHER_DIGITS.get(index)}
+        return reply.address in {*whoever, codec.GENERAL_ADDRESS} and reply.digit in digits
 
     def _once(self, data: bytes, timeout_s: float | None) -> AxisExchange:
         self._judge_unasked()
@@ -115,7 +126,9 @@ class SerialClient(AxisClient):
 
     def _note_whole(self, data: bytes, reply: SerialReply) -> None:
         """Take note that this module, and none beside it, has said all that it was asked for."""
-        if reply.kind in REPLIED and data[4:6] == codec.two_digits(self.address):
+        is_mended = self.target.mender is not None  # then what is left over belongs to a reply
+        is_own = data[4:6] == codec.two_digits(self.address)
+        if reply.kind in REPLIED and reply.final is not None and is_own and not is_mended:
             self.session.run.replied_at = self.target.transcript.position
 
     def _limit_s(self, timeout_s: float | None) -> float:

@@ -25,8 +25,8 @@ from axistwin_conformance.families.mac.axis.exchanges import (
     COMMAND_NAMES,
     QUERY_NAMES,
     ReplyKind,
-    signed,
 )
+from axistwin_conformance.families.mac.axis.words import NOT_USED, data_words
 
 STX: Final = 0x02
 ETX: Final = 0x03
@@ -267,7 +267,7 @@ def explain(data: bytes) -> str:
 def explain_request(data: bytes) -> str:
     """Put a request, well-formed or not, into words: ``00: 13h go to position 000003E8``."""
     if len(data) != REQUEST_BYTES or data[0] != STX or data[20] != ETX:
-        return f"malformed ({len(data)} bytes): {_text(data)}"
+        return f"no frame ({len(data)} bytes)"
     summed = data[4:18]
     address, index = _text(summed[:2]), _text(summed[2:4])
     return f"{address}: {index}h {_name(summed[2:4])} {_text(summed[6:])}{oddities(data)}"
@@ -276,11 +276,11 @@ def explain_request(data: bytes) -> str:
 def oddities(data: bytes) -> str:
     """What is unusual in a request of the right length, to be put behind its words."""
     summed, check = data[4:18], data[18:20]
-    words = "" if summed[4:6] == b"00" else f" sub-index {_text(summed[4:6])}"
+    words = "" if summed[4:6] == b"00" else f", {_sub_index(summed[2:4])} {_text(summed[4:6])}h"
     if data[1:4] != REQUEST_LENGTH_FIELD:
         words += f", length field {_text(data[1:4])}"
     if check != two_digits(checksum(summed)):
-        words += f", wrong checksum {_text(check)}"
+        words += f", checksum {_text(check)}h instead of {_text(two_digits(checksum(summed)))}h"
     return words
 
 
@@ -289,10 +289,9 @@ def explain_reply(reply: SerialReply) -> str:
     if reply.kind is ReplyKind.ANSWER:
         assert reply.data is not None
         assert reply.address is not None
-        return (
-            f"answer {reply.digit:X} of {reply.address:02X}: {reply.data:08X}"
-            f" ({signed(reply.data)})"
-        )
+        assert reply.digit is not None
+        words = data_words(0x20 + reply.digit, reply.data)
+        return f"answer of module {reply.address:02X}h to 2{reply.digit:X}h: {words}"
     if reply.kind is ReplyKind.GARBAGE:
         return f"garbage {_text(reply.raw)}: {'; '.join(reply.flaws)}"
     return reply.kind.value if not reply.raw else f"{reply.kind.value} ({_text(reply.raw)})"
@@ -302,11 +301,16 @@ def _name(index: bytes) -> str:
     if any(character not in DIGITS for character in index.upper()):
         return "unreadable index"
     number = int(index, 16)
-    return COMMAND_NAMES.get(number) or QUERY_NAMES.get(number) or "unassigned"
+    return COMMAND_NAMES.get(number) or QUERY_NAMES.get(number) or NOT_USED
+
+
+def _sub_index(index: bytes) -> str:
+    return {b"28": "RAM address", b"29": "EEPROM address"}.get(index, "sub-index")
 
 
 def _text(data: bytes) -> str:
     """Printable digits as they are, everything else as hex bytes."""
-    if data and all(0x20 < byte < 0x7F for byte in data):
-        return data.decode("ascii")
+    if data and all(0x20 <= byte < 0x7F for byte in data):
+        text = data.decode("ascii")
+        return f'"{text}"' if " " in text else text
     return data.hex(" ").upper()

@@ -3,6 +3,7 @@ put back, and which frame may do what to the axis."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
@@ -78,11 +79,20 @@ class MacSerial(AxisFamily):
     def in_words(self, request: bytes, reply: bytes) -> Exchange:
         """Put an exchange into the words of a failure."""
         if len(request) != codec.REQUEST_BYTES or not set(request[4:18]) <= codec.DIGITS:
-            return Exchange(codec.explain_request(request).removeprefix("00: "))
+            words = re.sub("^00: ([0-9A-F]{2}h) (.*)$", r"\1 (\2)", codec.explain_request(request))
+            words += f": {request.hex(' ').upper()}" if words.startswith("no frame") else ""
+            return Exchange(words, is_altered=request[-1:] != bytes([codec.ETX]))
         address, index = int(request[4:6], 16), int(request[6:8], 16)
         to = {codec.GENERAL_ADDRESS: " to all (FF)", self.default_address: ""}.get(address)
-        words = request_words(index, int(request[10:18], 16)) + codec.oddities(request)
-        words += f" to {address:02X}" if to is None else to
+        words = request_words(index, int(request[10:18], 16))
+        odd = codec.oddities(request)
+        if request[8:10] != b"00":  # part of the parameter
+            sub_index, _, odd = odd.removeprefix(", ").partition(", ")
+            name = words[:-1].partition("(")[2]
+            more = sub_index.removeprefix(name) if sub_index.startswith(name) else f", {sub_index}"
+            words, odd = f"{words[:-1]}{more})", odd and f", {odd}"
+        words += odd.replace(", ", " with ", 1)
+        words += f" to module {address:02X}h" if to is None else to
         return exchange_words(words, index, codec.answer_data(reply))
 
     def driver(self, session: Session, address: int | None = None) -> SerialDriver:

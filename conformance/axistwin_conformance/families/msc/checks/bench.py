@@ -13,6 +13,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import BLOCK_VALUES, RQSTAT
 from axistwin_conformance.families.msc.driver import (
@@ -402,8 +403,8 @@ def _kept(driver: MscDriver, blocks: Sequence[int]) -> Iterator[None]:
 
 @check("MSC-FLG-02", safety=("stored", "rig"), needs=("bench", "flags"))
 def a_flag_number_above_255_is_refused(session: Session) -> None:
-    """RFLAG of a flag that is on, and of it plus 256 and more: NAK, or off, or the flag itself, as
-    this device reads it; on a twin SFLAG and CFLAG alike."""
+    """A flag number above 255 gets NAK, counts as off, or is taken modulo 256: always the same, in
+    RFLAG, and on a twin in SFLAG and CFLAG."""
     driver = MscDriver(session)
     number = driver.scratch.some_flags(1)[0]
     driver.set_flag(number)
@@ -429,4 +430,11 @@ def _judge_far_writes(driver: MscDriver, number: int) -> None:
         if (kind, is_changed) not in readings:
             text = [f"{NAKED} and no effect", f"{ACKED} and no effect", f"flag {number} changed"]
             driver.session.fail(None, text, f"{exchange}, changed: {is_changed}")
-        driver.reading("flag_out_of_range", readings[kind, is_changed])
+        name, did = ("SFLAG", "turned on") if on else ("CFLAG", "turned off")
+        effect = f"flag {number} {'was' if is_changed else 'was not'} {did}"
+        far = f"{name} {number + 256}"
+        shown = Observation(
+            f"{far} was answered with {exchange}, and {effect} ({REQUEST} showed it)",
+            causes=(far,),
+        )
+        driver.reading("flag_out_of_range", readings[kind, is_changed], shown=shown)

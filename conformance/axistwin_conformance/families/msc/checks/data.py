@@ -7,6 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import BLOCK_VALUES, signed
 from axistwin_conformance.families.msc.driver import MscDriver
@@ -29,13 +30,17 @@ SHORT_ARRAY: Final = 20  # values of the array in trap 25; twelve are padding
 STRIDES: Final = (4, 2, 1)  # MSC-AMB-18
 
 
+def _spelt(data: bytes) -> str:
+    return data.hex(" ").upper()
+
+
 @check(
     "MSC-DWRITE-01", "MSC-DWRITE-02", "MSC-DWRITE-04", "MSC-DREAD-01", "MSC-DREAD-02",
     "MSC-DREAD-03", safety="stored", needs=("variables",),
 )  # fmt: skip
 def a_value_written_is_the_value_read(session: Session) -> None:
-    """Whatever value DWRITE stores, the ends of the range and the protocol's own signs among them,
-    the DREAD right behind its ACK returns in four bytes of two's complement."""
+    """DREAD right after the ACK of a DWRITE returns the value written, in four bytes of two's
+    complement, also at the ends of the range and for the bytes of ACK, NAK and STX."""
     driver = MscDriver(session)
     slots = driver.scratch.slots(4)
     for number, value in enumerate((*BOUNDARIES, *driver.values(16))):
@@ -45,9 +50,15 @@ def a_value_written_is_the_value_read(session: Session) -> None:
         reply = driver.served(codec.dread(address), "MSC-DREAD-01", "a reply to DREAD")
         size = len(reply.payload)
         session.expect(size == codec.VALUE_BYTES, "MSC-DREAD-02", "4 bytes", size)
-        names = ("MSC-DWRITE-02", "MSC-DWRITE-04", "MSC-DREAD-02", "MSC-DREAD-03")
+        names = ("MSC-DREAD-02", "MSC-DWRITE-02", "MSC-DWRITE-04", "MSC-DREAD-03")
         text = f"{value} as {codec.i32(value).hex(' ')}"
-        session.expect(reply.payload == codec.i32(value), names, text, reply.payload.hex(" "))
+        seen = Observation(
+            f"{REQUEST} returned {_spelt(reply.payload)} after DWRITE {address} = {value}",
+            value=reply.payload.hex(" "),
+            wanted=_spelt(codec.i32(value)),
+            causes=(f"DWRITE {address} = {value}",),
+        )
+        session.expect(reply.payload == codec.i32(value), names, text, seen)
 
 
 @check("MSC-DWRITE-02", "MSC-DWRITE-05", safety="stored", needs=("variables",))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.packets import INVALID_UNITS
 from axistwin_conformance.families.msc.checks.time import judge_broken_off, judge_pace
@@ -141,8 +143,8 @@ def a_write_for_another_unit_stores_nothing_here(session: Session) -> None:
 
 @check("MSC-PKT-05", "MSC-PKT-18", "MSC-LNK-19", "MSC-PHY-02", needs=("neighbour",))
 def each_unit_answers_its_own_number_only(session: Session) -> None:
-    """Of the numbers 1 to 15, those of the units on the line draw one reply each, with the number
-    asked; the others, 0 and those above 15 draw nothing, or what this device reads there."""
+    """Each unit on the line answers its own number once, with that number in the reply; numbers of
+    no unit get no answer, and 0 and those above 15 what this device gives them."""
     present = {driver.unit: driver for driver in units(session)}
     own = MscDriver(session)
     judge_followed(own)
@@ -152,8 +154,15 @@ def each_unit_answers_its_own_number_only(session: Session) -> None:
             exchange = present[unit].client.ask(raw)
             reply = exchange.reply
             is_own = exchange.is_acked and reply is not None and reply.unit == unit
-            names = ("MSC-PKT-05", "MSC-PKT-18", "MSC-PHY-02")
-            session.expect(is_own, names, f"one reply of unit {unit}", exchange)
+            names = ("MSC-PKT-18", "MSC-PKT-05", "MSC-PHY-02")
+            seen = exchange.observed()
+            if exchange.is_acked and reply is not None:
+                seen = replace(
+                    seen,
+                    clause=f"the reply to {REQUEST} carried unit number {reply.unit}",
+                    wanted=f"unit number {unit}",
+                )
+            session.expect(is_own, names, f"one reply of unit {unit}", seen)
             own.link.nothing_more("MSC-PKT-05", f"the reply of unit {unit}")
             judge_pace(present[unit], "MSC-PHY-02")
             continue

@@ -10,6 +10,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.packets import carrying
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
@@ -154,16 +155,21 @@ def refusals(driver: MscDriver, count: int) -> tuple[Packet, int]:
 
 @check("MSC-LNK-09", "MSC-LNK-10", "MSC-LNK-11", "MSC-LNK-13", "MSC-LNK-08")
 def a_refused_reply_comes_again_up_to_five_times(session: Session) -> None:
-    """For 0 to 5 NAKs as many repeats come, byte for byte the same and without an ACK before them;
-    after the sixth, none; each exchange counts from 0.  (WAIT 15h, 06h; RETX)"""
+    """A reply answered with NAK is repeated, byte for byte and without ACK, up to 5 times; each
+    exchange counts its own repeats."""
     driver = MscDriver(session)
     for count in (*range(MOST_REFUSALS), MOST_REFUSALS, MOST_REFUSALS):
         _, repeats = refusals(driver, count)
         if count == MOST_REFUSALS or repeats < count:
             seen = {5: "5_repeats", 4: "5_total"}.get(repeats)
             if seen is None:
-                text = ["5 repeats", "5 sendings in all"]
-                session.fail("MSC-LNK-09", text, f"{repeats} repeats to {count} NAKs")
+                sent = min(count, repeats + 1)
+                seen_words = Observation(
+                    f"the device repeated its reply to {REQUEST} {repeats} times, for {sent} NAKs",
+                    wanted="a repeat for each NAK, up to 5 repeats (or up to 4, if the manual's 5"
+                    " counts the first transmission)",
+                )
+                session.fail("MSC-LNK-09", ["5 repeats", "5 sendings in all"], seen_words)
             driver.reading("retransmit_limit", seen, "MSC-LNK-09")
             names: tuple[str, ...] = ("MSC-LNK-13",)
         else:

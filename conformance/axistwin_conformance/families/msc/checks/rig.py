@@ -13,6 +13,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import CannotDo
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import Observation
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.flags import NO_RFLAGS, judge_agreement
 from axistwin_conformance.families.msc.checks.status import AUTO_START, RUNNING
@@ -181,8 +182,8 @@ def _power_ups(driver: MscDriver) -> Iterator[int]:
 
 @check("MSC-STA-02", "MSC-DREAD-02", safety=("stored", "rig"), needs=("rig:power", "variables"))
 def memory_is_kept_or_said_not_to_be(session: Session) -> None:
-    """What was written before a power cut is there after it, or bit 2 tells that memory cannot be
-    relied on."""
+    """Values written before a power cycle are there after it, or status bit 2 (RAM MEMORY NOT
+    RELIABLE) is 1."""
     driver = MscDriver(session)
     slots = driver.scratch.slots(3)
     values = driver.values(3)
@@ -196,7 +197,21 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
     seen = [driver.read(place) for place in slots]
     is_shown = bool(status & UNRELIABLE)
     names = ("MSC-STA-02", "MSC-DREAD-02")
-    session.expect(is_shown or seen == values, names, [values, "bit 2 on"], seen)
+    places, held, written = (
+        codec.listed(numbers).replace(" ", ", ") for numbers in (slots, seen, values)
+    )
+    told = Observation(
+        f"after a power cycle, the addresses {places} (DREAD) held {held}, and"
+        f" status bit 2 (RAM MEMORY NOT RELIABLE) was {int(is_shown)} (RQSTAT = {status:04X}h)",
+        value=str(seen),
+        wanted=f"the values written before ({written}) or bit 2 = 1",
+        causes=(
+            *(f"DWRITE {place} = " for place in slots),
+            "RQSTAT",
+            *(f"DREAD {place}" for place in slots),
+        ),
+    )
+    session.expect(is_shown or seen == values, names, [values, "bit 2 on"], told)
 
 
 @check("MSC-STA-02", safety=("stored", "rig"), needs=("rig:power", "rig:battery", "variables"))

@@ -10,6 +10,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
@@ -28,7 +29,7 @@ WRONG_SPACING: Final = 0.03  # of a character's time, over a whole reply
 
 @check("MSC-PHY-01")
 def a_character_takes_ten_bits_of_9600_baud(session: Session) -> None:
-    """A correct RQSTAT at 9600 8N1 is served, and its reply comes at a character a 1.04 ms."""
+    """RQSTAT at 9600 baud, 8N1, is served, and the bytes of its reply follow at 1.04 ms."""
     driver = MscDriver(session)
     session.step(session.target.baud == 9600, "9600 baud", session.target.baud)
     driver.link.alive("MSC-PHY-01")
@@ -57,7 +58,14 @@ def judge_pace(driver: MscDriver, names: Names) -> None:
         abs(took_ns - due_ns) <= spare_ns,
         names,
         f"{count} bytes in {due_ns / MS:.1f} ms",
-        f"{took_ns / MS:.1f} ms",
+        Observation(
+            f"the last {count} of the {count + 2} bytes that came back from {REQUEST} (ACK and"
+            f" packet) took {took_ns / MS:.1f} ms"
+            f" ({took_ns / count * 10 / driver.link.byte_ns:.1f} bits per byte)",
+            value=f"{took_ns / MS:.1f} ms",
+            wanted=f"{due_ns / MS:.1f} ms ± {spare_ns / MS:.1f} ms (10 bits per byte at 9600"
+            " baud, 8N1; the tolerance is the suite's)",
+        ),
     )
 
 
@@ -75,7 +83,8 @@ def an_idle_unit_says_nothing(session: Session) -> None:
 
 def judge_broken_off(driver: MscDriver, count: int) -> None:
     """Send so many bytes of RQSTAT and no more: one NAK, T1 later (MSC-LNK-03)."""
-    session, raw = driver.session, driver.client.request(RQSTAT)[:count]
+    session, whole = driver.session, len(driver.client.request(RQSTAT))
+    raw = driver.client.request(RQSTAT)[:count]
     text = f"{count} bytes of RQSTAT"
     if count == 1:
         _judge_lone_start(driver)
@@ -89,7 +98,14 @@ def judge_broken_off(driver: MscDriver, count: int) -> None:
         came_ns in due,
         "MSC-LNK-03",
         f"NAK to {text} {due.since(sent_ns)}",
-        f"after {(came_ns - sent_ns) / MS:.1f} ms",
+        Observation(
+            f"RQSTAT broken off after {count} of its {whole} bytes was answered with NAK"
+            f" {(came_ns - sent_ns) / MS:.1f} ms after its first byte began",
+            value=f"after {(came_ns - sent_ns) / MS:.1f} ms",
+            wanted=f"NAK {due.since(sent_ns)}: the manual names no time, and this device waited"
+            f" {driver.client.packet_timeout_s * 1000:.0f} ms for the rest of a packet earlier in"
+            " this run",
+        ),
     )
     driver.link.nothing_more("MSC-LNK-03", f"the NAK to {text}")
 
@@ -114,8 +130,8 @@ def _judge_lone_start(driver: MscDriver) -> None:
 
 @check("MSC-LNK-03", "MSC-LNK-04", "MSC-LNK-22")
 def a_packet_broken_off_is_refused_when_its_time_is_over(session: Session) -> None:
-    """RQSTAT broken off after each of its bytes draws one NAK at T1, not before; then the unit
-    serves.  (T1 in HDR, BODY and CSUM)"""
+    """RQSTAT broken off after any of its bytes gets one NAK when the time limit is over, not
+    before; then the unit serves the next packet."""
     driver = MscDriver(session)
     whole = len(driver.client.request(RQSTAT))
     first = 2 if driver.link.is_rs485 else 1  # a lone 02h may be anybody's there

@@ -63,6 +63,12 @@ class MacSerialFamily(Family):
         to = address if asked.address is None else asked.address
         return request(to, asked.command, asked.parameters, asked.sub_index)
 
+    def is_whole(self, reply: bytes) -> bool:
+        """True for a Nack, an acknowledgement, and an acknowledgement with its answer."""
+        from axistwin.devices.mac.serial.framing import is_whole_reply
+
+        return is_whole_reply(reply)
+
     def completed(self, data: bytes) -> bytes:
         """A request with sum and Etx."""
         from axistwin.devices.mac.serial.framing import completed

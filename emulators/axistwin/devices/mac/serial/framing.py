@@ -19,6 +19,8 @@ ETX: Final = 0x03
 ACK: Final = b"\x06"
 NACK: Final = b"\x15"
 XOFF: Final = b"\x13"
+SHORT_REPLY_BYTES: Final = 3
+ANSWER_BYTES: Final = 21
 
 REQUEST_BYTES: Final = 21
 GENERAL_ADDRESS: Final = 0xFF
@@ -200,3 +202,11 @@ def completed(data: bytes) -> bytes:
     if len(data) == REQUEST_BYTES - 3 and data.startswith(STX + REQUEST_LENGTH_FIELD):
         return data + checksum(data[4:]) + bytes((ETX,))
     return data
+
+
+def is_whole_reply(reply: bytes) -> bool:
+    """Whether ``reply`` is a Nack, an acknowledgement, or one with its answer, whole."""
+    if reply[:1] == NACK:
+        return True
+    size = SHORT_REPLY_BYTES if reply[2:3] != b"\x02" else ANSWER_BYTES
+    return reply[:1] == ACK and len(reply) >= size

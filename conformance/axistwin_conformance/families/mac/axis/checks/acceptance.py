@@ -8,10 +8,12 @@ and destructive commands have checks of their own.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
@@ -114,7 +116,7 @@ def walk(session: Session, *indices: int) -> None:
             enter(driver, start)
             exchange = driver.client.command(index, parameter)
             driver.motion.at_rest()
-            _judge(driver, row, state, index, exchange.kind)
+            _judge(driver, row, state, index, exchange)
         if abs(driver.client.position() - start) > driver.limits.room():
             driver.motion.finish(driver.motion.go(start))
 
@@ -141,7 +143,12 @@ def _shown_by(session: Session, index: int) -> tuple[str, ...]:
     )
 
 
-def _judge(driver: AxisDriver, row: AcceptanceRow, state: str, index: int, kind: ReplyKind) -> None:
+def _judge(
+    driver: AxisDriver, row: AcceptanceRow, state: str, index: int, exchange: AxisExchange
+) -> None:
+    kind, words = exchange.kind, STATE_WORDS[state]
+    seen = driver.client.observed(exchange)
+    seen = replace(seen, clause=f"{seen.clause} {words}")
     shown = _shown_by(driver.session, index)
     wanted = outcome_of(row.cell(state))
     if index >= 0x20 and wanted is ReplyKind.ACCEPTED:
@@ -154,7 +161,10 @@ def _judge(driver: AxisDriver, row: AcceptanceRow, state: str, index: int, kind:
             if kinds[index >= 0x20] is kind
         )
         driver.judge.reading(
-            "unknown_index", fitting or f"{kind.value} to {driver.client.named(index)}", shown
+            "unknown_index",
+            fitting or f"{kind.value} to {driver.client.named(index)}",
+            shown,
+            seen,
         )
         return
     if kind is not wanted:
@@ -164,13 +174,13 @@ def _judge(driver: AxisDriver, row: AcceptanceRow, state: str, index: int, kind:
         for content, switch, number in others:
             if outcome_of(content) is kind:
                 readings = session.run.ledger.ambiguity_of(switch).switches[switch]
-                session.quirk(shown, switch, readings[number])
+                session.quirk(shown, switch, readings[number], seen)
                 session.expect(True, shown, "", "")
                 return
     session.step(
         kind is wanted,
-        f"{driver.client.named(index)} to be {wanted.value} {STATE_WORDS[state]}",
-        kind.value,
+        f"{driver.client.named(index)} to be {wanted.value} {words}",
+        replace(seen, value=kind.value, wanted=driver.client.wanted(wanted)),
     )
     session.expect(True, [name for name in shown if name not in PARTLY], "", "")
 

@@ -87,7 +87,8 @@ def a_refused_segment_is_accepted_when_a_stage_frees(session: Session) -> None:
 
 @check("MACS-CMD-16-01", "MACS-CMD-16-03", safety=MOVES)
 def segments_run_at_their_own_constant_speed(session: Session) -> None:
-    """A segment takes exactly |DDDD|·VVVV ticks, relative, whatever 0Dh and 0Fh say."""
+    """A segment moves DDDD steps from where the axis is, each in VVVV × 0.125 µs, whatever 0Dh and
+    0Fh say."""
     driver = plain(session)
     fast, medium, slow = driver.limits.slowed_alike(0x1000, 0x1800, 0x8000)
     # So many that a quarter more shows beside an exchange that takes long.

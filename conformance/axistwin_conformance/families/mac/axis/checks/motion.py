@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
 from axistwin_conformance.families.mac.axis.driver.driver import driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD
@@ -26,6 +29,7 @@ from axistwin_conformance.families.mac.axis.probing import MOVES
 ORDER = 120  # of this module in a run; see `Family.modules`
 
 # The table of §5.3: where a profile is one increment off, it shows at these distances.
+BUSY: Final = 0x08  # of byte cc of 27h: 0 while busy
 TABLE: Final = (
     (1, 1), (2, 1), (3, 1), (10, 1), (100, 1), (239, 1), (240, 1), (241, 1), (479, 2), (481, 2),
 )  # fmt: skip
@@ -210,7 +214,8 @@ def going_to_0_is_a_move_like_any_other(session: Session) -> None:
 
 @check("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01", safety=MOVES)
 def busy_ends_within_the_tolerance(session: Session) -> None:
-    """In a move, busy lasts until the axis is within TT of the target; it then still arrives."""
+    """During a move 27h shows busy until the axis is within the tolerance (1Ch) of the target; the
+    axis still reaches the target."""
     driver = driver_of(session)
     for tolerance in (10, 0, 40):
         start = driver.motion.ready(
@@ -227,7 +232,7 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
             exchange = driver.client.ask(0x27)
             lowest, highest = forecast.bounds(exchange.taken)
             slack = driver.limits.allowance(driver.motion.period)
-            is_busy = not exchange.reply.data_bytes()[2] & 0x08
+            is_busy = not exchange.reply.data_bytes()[2] & BUSY
             admissible = {
                 target - place > tolerance for place in range(lowest - slack, highest + slack + 1)
             }
@@ -236,7 +241,9 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
                 is_busy in admissible,
                 ("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01"),
                 _busy_words(admissible, target - highest, target - lowest, tolerance),
-                "busy" if is_busy else "not busy",
+                partial(
+                    _busy_seen, exchange, target - highest, target - lowest, tolerance, admissible
+                ),
             )
         driver.motion.finish(forecast, "MACS-BUSY-01")
         session.expect(
@@ -245,6 +252,24 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
             "not busy at the target",
             "busy",
         )
+
+
+def _busy_seen(
+    exchange: AxisExchange, least: int, most: int, tolerance: int, admissible: set[bool]
+) -> Observation:
+    """What 27h showed with so many increments to go, in words."""
+    state = exchange.reply.data_bytes()[2]
+    told, bit = ("not busy", 1) if state & BUSY else ("busy", 0)
+    return Observation(
+        f"with {least}..{most} increments to go by prediction and tolerance {tolerance} (1Ch),"
+        f" {REQUEST} showed {told} (cc = {state:02X}h, bit 3 = {bit})",
+        value=told,
+        wanted=" or ".join(
+            "busy (bit 3 = 0)" if is_busy else "not busy (bit 3 = 1)"
+            for is_busy in sorted(admissible)
+        ),
+        is_whole=False,
+    )
 
 
 def _busy_words(admissible: set[bool], least: int, most: int, tolerance: int) -> str:

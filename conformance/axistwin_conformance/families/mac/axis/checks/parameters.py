@@ -304,7 +304,7 @@ def the_reference_input_can_be_enabled_and_disabled(session: Session) -> None:
 
 @check("MACS-CMD-0B-01", safety=("motion", "stored"), level="full")
 def the_counter_is_cleared_where_the_axis_stands(session: Session) -> None:
-    """0Bh makes this place 0 without moving the shaft, and targets count from there."""
+    """0Bh sets the position to 0 without moving the shaft; later targets count from there."""
     driver = driver_of(session)
     start = driver.motion.ready(0x0800)
     away = _step_off(driver, start)

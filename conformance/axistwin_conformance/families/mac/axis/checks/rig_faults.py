@@ -9,7 +9,7 @@ supply or the temperature must do is judged by what 27h tells of it: a rig need 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
@@ -47,10 +47,11 @@ OTHER_MOTION: Final = (0x10, 0x11, 0x17, 0x18, 0x1A)  # refused too, or not: MAC
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A fault: the rig's control behind it, its bit of dd, the values that bring it about and end
-    it, and whether its cause lasts."""
+    """A fault: the rig's control behind it, what the manual calls it, its bit of dd, the values
+    that bring it about and end it, and whether its cause lasts."""
 
     name: str
+    words: str
     bit: int
     present: bool | float = True
     absent: bool | float = False
@@ -65,14 +66,14 @@ class Cause:
         return rig.work(self.name, self.absent)
 
 
-MICRO_CUT: Final = Cause("micro_cut", 0x01, lasts=False)
-ENCODER: Final = Cause("encoder", 0x02)
-AMPLIFIER: Final = Cause("amplifier", 0x08)
+MICRO_CUT: Final = Cause("micro_cut", "power line disturbance", 0x01, lasts=False)
+ENCODER: Final = Cause("encoder", "encoder fault", 0x02)
+AMPLIFIER: Final = Cause("amplifier", "amplifier fault", 0x08)
 
 
 def heat(usual: float) -> Cause:
     """Too hot, which a MAC23 tells in bit 4; back to the usual temperature."""
-    return Cause("temperature", 0x10, HOT_CELSIUS, usual)
+    return Cause("temperature", "overheating", 0x10, HOT_CELSIUS, usual)
 
 
 def is_mac23(session: Session) -> bool:
@@ -90,7 +91,8 @@ def celsius(driver: AxisDriver) -> float:
 
 @check("MACS-STATE-02", "MACS-Q-21-02", safety=WORKED, needs=("rig:micro_cut",))
 def a_micro_cut_of_the_supply_locks_motion(session: Session) -> None:
-    """A micro-cut latches dd.0 and refuses motion until 00h; parameters stay writable."""
+    """A power line disturbance sets bit 0 of dd in 21h; motion commands are refused until 00h, and
+    parameters can still be set."""
     walk_through(driver_of(session), MICRO_CUT)
 
 
@@ -162,7 +164,7 @@ def walk_through(driver: AxisDriver, cause: Cause) -> None:
     cause.begin(driver.session.rig)
     _judge_bits(driver, cause, "MACS-Q-21-02")
     _judge_lock(driver, start)
-    _judge_parameters(driver)
+    _judge_parameters(driver, cause)
     cause.end(driver.session.rig)
     driver.client.wait(0.2)
     _judge_bits(driver, cause, "MACS-Q-21-02")
@@ -243,12 +245,26 @@ def _judge_lock(driver: AxisDriver, start: int) -> None:
     )
 
 
-def _judge_parameters(driver: AxisDriver) -> None:
+def _judge_parameters(driver: AxisDriver, cause: Cause) -> None:
     """What is no motion command is accepted, with what is set already."""
     settings = {**settings_of(driver.client.parameters()), 0x07: 0}
     tolerance = settings.pop(0x1C)
     for index, parameter in sorted(settings.items()):
-        driver.judge.accepted(index, parameter, requirement="MACS-STATE-02")
+        exchange = driver.client.command(index, parameter)
+        seen, active = driver.client.observed(exchange), f"21h, dd = {cause.bit:02X}h"
+        wanted = driver.client.wanted(ReplyKind.ACCEPTED)
+        driver.session.expect(
+            exchange.kind is ReplyKind.ACCEPTED,
+            "MACS-STATE-02",
+            wanted,
+            replace(
+                seen,
+                clause=f'with the fault "{cause.words}" active ({active}), {seen.clause}',
+                wanted=f"{wanted}, because a fault locks motion commands only and"
+                f" {driver.client.named(index)} sets a parameter",
+                is_whole=True,
+            ),
+        )
     if driver.rig.has_tolerance():
         driver.judge.accepted(0x1C, tolerance, requirement="MACS-STATE-02")
     for index in driver.client.face.answered:

@@ -7,10 +7,12 @@ the reference is an edge, the contact's opening, and works in positive motion on
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
@@ -26,6 +28,7 @@ from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED
+from axistwin_conformance.families.mac.axis.words import STATUS_BYTES
 
 ORDER = 220  # of this module in a run; see `Family.modules`
 
@@ -52,7 +55,7 @@ SIDES: Final = (
 
 @check("MACS-Q-27-02", "MACS-Q-27-01", safety=WORKED, needs=(*STOP_INPUTS, *REFERENCE))
 def the_inputs_show_whatever_is_enabled(session: Session) -> None:
-    """Each input shows in its own bit of 27h and in no other, whatever 03h and 07h say."""
+    """Each input sets its own bit of 27h and no other, whatever 03h and 07h enable."""
     driver = driver_of(session)
     driver.rig.begin()
     settings = [(mode, enabled) for mode in (0, 1, 8, 9) for enabled in (0, 1)]
@@ -67,8 +70,28 @@ def the_inputs_show_whatever_is_enabled(session: Session) -> None:
                         seen == ([name] if active else []),
                         ("MACS-Q-27-02", "MACS-Q-27-01"),
                         f"27h to show as active: {name if active else 'none'}",
-                        ", ".join(seen) or "none",
+                        partial(_inputs_seen, name if active else "", seen),
                     )
+
+
+def _inputs_seen(active: str, shown: list[str]) -> Observation:
+    """Which inputs 27h showed as active, with their bits, in words."""
+    wanted = [active] if active else []
+    wrong = next((name for name in INPUT_BITS if (name in shown) != (name in wanted)), active)
+    byte, bit = INPUT_BITS[wrong]
+    letters, number = STATUS_BYTES[0x27][byte], bit.bit_length() - 1
+    only = f"with only the {_noun(active)} active" if active else "with no input active"
+    did = "also showed" if wrong in shown else "did not show"
+    return Observation(
+        f"{only}, {REQUEST} {did} the {_noun(wrong)} as active ({letters} bit {number} ="
+        f" {int(wrong in shown)})",
+        value=", ".join(shown) or "none",
+        wanted=f"{letters} bit {number} = {int(wrong in wanted)}",
+    )
+
+
+def _noun(name: str) -> str:
+    return f"{name.replace('_', ' ')} input".replace("stop input", "end-stop input")
 
 
 # --- hardware stops ------------------------------------------------------------------------------

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.checks.rig_faults import (
     MICRO_CUT,
     NO_THRESHOLDS,
@@ -17,6 +19,7 @@ from axistwin_conformance.families.mac.axis.driver.driver import driver_of
 from axistwin_conformance.families.mac.axis.driver.motion import PRELOAD_SHOWS_S, segment_parameter
 from axistwin_conformance.families.mac.axis.driver.rig import OVER_VOLTAGE, WORKED
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, settings_of
+from axistwin_conformance.families.mac.axis.words import NAMES
 
 ORDER = 250  # of this module in a run; see `Family.modules`
 
@@ -82,9 +85,20 @@ def a_power_cut_ends_a_motion_for_good(session: Session) -> None:
         session.not_run("MACS-REPLY-12", "switching the supply may put noise on the line")
 
 
+def _kept_seen(index: int, stored: int, seen: int) -> Observation:
+    """What a parameter was after a power cycle, in words."""
+    known = PARAMETERS[index]
+    return Observation(
+        f"after a power cycle, {REQUEST} showed the {NAMES[known.name]} {known.taken(seen)}",
+        value=str(seen),
+        wanted=f"{known.taken(stored)}, as set by {index:02X}h before it",
+        causes=(f"{index:02X}h (",),
+    )
+
+
 @check("MACS-PERS-01", safety=WORKED, needs=POWER)
 def parameters_outlive_the_supply(session: Session) -> None:
-    """Software stops, torque, speed, catch-up and ramp are kept over power-off, once it is away."""
+    """Software stops, torque limit, speeds and ramp are the same after a power cycle."""
     driver = driver_of(session)
     driver.rig.begin()
     settings = settings_of(STORED, STORED)
@@ -97,7 +111,7 @@ def parameters_outlive_the_supply(session: Session) -> None:
             seen == parameter,
             None,
             f"{parameter} as {index:02X}h has stored it before the cut",
-            seen,
+            partial(_kept_seen, index, parameter, seen),
         )
 
 

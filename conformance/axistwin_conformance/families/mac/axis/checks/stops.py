@@ -5,10 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import counted
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
@@ -123,9 +126,30 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     driver.judge.reading("ff_lifetime", outcome, "MACS-Q-21-01")
 
 
+def _overrun_seen(
+    side: SoftwareStop, name: str, start: int, place: int, due: tuple[int, int], known: str
+) -> Observation:
+    """Where a motion ended beyond a software stop, in words."""
+    stop = start + side.direction * 50
+    which = "superior" if side.direction > 0 else "inferior"
+    wanted = f"{due[0] - 50}..{due[1] - 50} increments beyond it"
+    if known.isdigit():
+        wanted += f" on either side: earlier in this run the axis ran on for {known} increments"
+    return Observation(
+        f"after {name} from position {start}, the axis stood"
+        f" {counted(place - 50, 'increment')} beyond the"
+        f" {which} software stop ({side.index:02X}h = {stop}), at {REQUEST} ="
+        f" {start + side.direction * place} increments",
+        value=str(place),
+        wanted=wanted,
+        causes=tuple(f"{index} (" for index in (f"{side.index:02X}h", *name.split())),
+    )
+
+
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES)
 def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
-    """13h, 15h, 16h and 11h end on the first increment beyond the stop, unlocked, ff tells."""
+    """13h, 15h, 16h and 11h end on the first increment beyond a software stop; byte ff of 21h names
+    the stop, and motion is not locked."""
     driver = driver_of(session)
     for side in SIDES:
         for name, move in MOTION_COMMANDS.items():
@@ -144,7 +168,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
                 least <= place <= most,
                 side.requirements,
                 f"{name} at rest {least} to {most} increments on: the stop is 50 ahead",
-                place,
+                partial(_overrun_seen, side, name, start, place, (least, most), known),
             )
             # How far it runs on may not be known: then one place may be due to either reading.
             fitting = [number for number in (0, 1) if least + 1 - number <= place <= most - number]

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Final, Protocol
 
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
 from axistwin_conformance.families.mac.axis.exchanges import QUERIES, AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.acceptance import AcceptanceRow, table_without
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
@@ -23,6 +24,7 @@ from axistwin_conformance.transport.transport import Transport
 
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
 LONGEST_WAIT_S: Final = 10_000  # twice what the longest way of a check takes at the slowest speed
+SHORT_REPLY_BYTES: Final = 3  # of a serial line; longer ones are no acknowledgement
 CAREFUL: Final = frozenset({0x0B, 0x13, 0x14, 0x18})  # commands that need `Precautions`
 
 Part = str | tuple[str, ...] | None
@@ -60,15 +62,18 @@ class AxisFace:
     else the check is in doubt about the first (a second 13h is refused, a second segment runs).
     `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
     comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
-    `has_sync`: there is a way to `synchronise`.
+    `signs`: how acceptance and refusal look on the wire.  `has_sync`: there is a way to
+    `synchronise`.  `faults`: the bits of dd of 21h with a meaning.
     """
 
     answered: range
     may_be_silent: frozenset[int]
     repeatable: frozenset[int]
     unassigned: tuple[tuple[ReplyKind, ReplyKind], ...]
+    signs: Mapping[ReplyKind, str]
     missing: tuple[int, ...] = ()
     has_sync: bool = False
+    faults: int = 0x7F
 
     @property
     def acceptance(self) -> Mapping[int, AcceptanceRow]:
@@ -303,13 +308,27 @@ class AxisClient(ABC):
         """Let time pass up to a moment of the target's clock."""
         self.wait((moment_ns - self.target.now_ns) / 1e9)
 
-    def silence_after(self, request: Any) -> tuple[bool, str, object]:
+    def silence_after(self, request: Any) -> tuple[bool, str, Observation]:
         """Send what must get no reply: whether none came, what is expected, and what came."""
         exchange = self.send(request, QUIET_S + self.target.uncertainty_ns / 1e9)
-        expected = self.wanted(ReplyKind.SILENCE, exchange.request)
-        return exchange.kind is ReplyKind.SILENCE, expected, exchange.reply
+        is_silent = exchange.kind is ReplyKind.SILENCE
+        return is_silent, self.wanted(ReplyKind.SILENCE), self.observed(exchange)
 
-    def wanted(self, kind: ReplyKind, request: bytes) -> str:
-        """The reply that is expected, in words; to what, unless that was sent last."""
-        is_last = request == self.target.last_sent
-        return kind.in_words if is_last else f"{kind.in_words}: {self.explained(request)}"
+    def wanted(self, kind: ReplyKind) -> str:
+        """The reply that is expected, in words."""
+        sign = self.face.signs.get(kind)
+        return f"{kind.in_words} ({sign})" if sign else kind.in_words
+
+    def observed(self, exchange: AxisExchange) -> Observation:
+        """What the module did with a request, in words."""
+        reply = exchange.reply
+        sign = reply.raw.hex(" ").upper()
+        if len(reply.raw) > SHORT_REPLY_BYTES:
+            sign = self.face.signs.get(reply.kind, "")
+        did = {
+            ReplyKind.ACCEPTED: f"was accepted ({sign})",
+            ReplyKind.REFUSED: f"was refused ({sign})",
+            ReplyKind.NACK: f"was answered with Nack ({sign}h)",
+            ReplyKind.SILENCE: f"got no reply{WAITED}",
+        }.get(reply.kind, f"got {'the ' if reply.kind is ReplyKind.ANSWER else ''}{reply}")
+        return Observation(f"{REQUEST} {did}", str(reply), "", exchange.request, is_whole=False)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from axistwin_conformance.core.probing import Probe
+from axistwin_conformance.core.session import SHOWN
+from axistwin_conformance.core.wording import Observation
 from axistwin_conformance.families.mac.axis.driver.client import AxisClient, AxisExchange, Part
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 
@@ -23,12 +25,8 @@ class AxisJudge:
         Without a requirement it is a step on the way: a wrong reply fails all the check names, but
         a right one proves none of them when there are several.
         """
-        self.holds(
-            exchange.kind is kind,
-            requirement,
-            self._client.wanted(kind, exchange.request),
-            exchange.reply,
-        )
+        is_so, wanted = exchange.kind is kind, self._client.wanted(kind)
+        self.holds(is_so, requirement, wanted, lambda: self._client.observed(exchange))
         return exchange
 
     def holds(self, condition: bool, requirement: Part, expected: str, actual: object) -> None:
@@ -64,16 +62,21 @@ class AxisJudge:
         self.must(ReplyKind.ANSWER, self._client.ask(0x20), requirement)
 
     def reading(
-        self, switch: str, outcome: int | tuple[int, ...] | str, requirement: Part = None
+        self,
+        switch: str,
+        outcome: int | tuple[int, ...] | str,
+        requirement: Part = None,
+        shown: Observation = SHOWN,
     ) -> None:
         """Judge an ambiguity: `outcome` is the number of the reading seen, 0 the default, or the
-        numbers of those that explain what was seen, or a sentence about what came if none does."""
+        numbers of those that explain what was seen, or a sentence about what came if none does;
+        `shown`: see `Session.quirk`."""
         session = self._session
         readings = session.run.ledger.ambiguity_of(switch).switches[switch]
         if isinstance(outcome, str):
-            session.no_reading(requirement, switch, readings, outcome)
+            session.no_reading(requirement, switch, readings, outcome, shown)
         numbers = (outcome,) if isinstance(outcome, int) else outcome
-        session.quirk(requirement, switch, [readings[number] for number in numbers])
+        session.quirk(requirement, switch, [readings[number] for number in numbers], shown)
         session.expect(True, requirement, readings, "one of them")
 
     def again(self, probe: Probe, requirement: Part = None) -> None:

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from axistwin_conformance.base.errors import OutsideEnvelope
+from axistwin_conformance.base.errors import OutsideEnvelope, counted
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import (
     QUIET_S,
     AxisClient,
@@ -38,6 +39,7 @@ from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, values
 from axistwin_conformance.families.mac.axis.return_to_start import STILL_S, comes_back
 from axistwin_conformance.families.mac.axis.shaft import SLOWEST_LEVEL_TICKS
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
+from axistwin_conformance.families.mac.axis.words import TICK
 
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 FIFO_STAGES: Final = 3
@@ -48,6 +50,7 @@ CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtu
 
 PLOT_POINTS: Final = 12  # of the predicted band, at most, from one reading to the next
 PLOT_SPACING_NS: Final = 5_000_000
+COURSES: Final = {"PO": "move", "VE": "endless motion", "IN": "interpolated motion"}
 FARTHEST_RUN_ON: Final = 0xFFFF  # increments: the largest number there is (MACS-AMB-76)
 MOTION_NAMES: Final = {"PO": "move", "VE": "endless motion", "IN": "segments", "HD": "halt"}
 
@@ -409,9 +412,19 @@ class AxisMotion:
             lowest - allowance <= sample.position <= highest + allowance,
             requirement,
             f"position {lowest}..{highest}",
-            f"position {sample.position}",
+            lambda: _seen(sample, forecast, "during", self._wanted(forecast, lowest, highest)),
         )
         return sample
+
+    def _wanted(self, forecast: Forecast, lowest: int, highest: int) -> str:
+        """A band of places, and by which settings it was predicted."""
+        place = f"{lowest} to {highest} increments" if lowest < highest else f"{lowest} increments"
+        if forecast.timelines[0].mode not in ("PO", "VE"):
+            return f"{place}, as predicted"
+        return (
+            f"{place}, as predicted for {self._client.named(0x0D)} = {self.period} {TICK}"
+            f" and {self._client.named(0x0F)} = {self.coefficient}"
+        )
 
     def _widened(self, window: TimeWindow, forecast: Forecast) -> TimeWindow:
         """On a real module's own quartz, time runs a little differently than on ours."""
@@ -477,9 +490,18 @@ class AxisMotion:
             lowest <= sample.position <= highest,
             requirement,
             f"at rest at {lowest}" if lowest == highest else f"at rest in {lowest}..{highest}",
-            f"position {sample.position}",
+            lambda: _seen(sample, forecast, "at the end of", f"{lowest}..{highest} increments"),
         )
         return sample.position
+
+
+def _seen(sample: Sample, forecast: Forecast, when: str, wanted: str) -> Observation:
+    """Where the axis was, in words, with where it came from."""
+    first = min(forecast.timelines, key=lambda timeline: timeline.start_ns)
+    text = f"{REQUEST} read {counted(sample.position, 'increment')}"
+    if first.mode in COURSES:
+        text += f" {when} the {COURSES[first.mode]} from position {first.origin}"
+    return Observation(text, f"position {sample.position}", wanted, is_whole=False)
 
 
 def velocity(direction: int, period: int) -> int:

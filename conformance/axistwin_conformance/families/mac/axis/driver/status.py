@@ -27,7 +27,7 @@ class AxisStatus:
 
     def faults(self) -> int:
         """The byte dd of 21h without what is reserved."""
-        return self._client.data_bytes(0x21)[0] & 0x7F
+        return self._client.data_bytes(0x21)[0] & self._client.face.faults
 
     def memories(self) -> int:
         """The byte hh of 21h."""

@@ -3,10 +3,13 @@ with the module alone on the bus, and is put back whatever happens."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import RIG, Observation
 from axistwin_conformance.families.mac.axis.driver import factory
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
@@ -38,7 +41,7 @@ from axistwin_conformance.families.mac.can.probes.destructive import (
 )
 from axistwin_conformance.families.mac.can.probes.messages import LIFEBEAT_S
 from axistwin_conformance.families.mac.can.settings import TORQUE
-from axistwin_conformance.transport.can_frame import Frame
+from axistwin_conformance.transport.can_frame import Frame, unpack_all
 
 ORDER = 290  # of this module in a run; see `Family.modules`
 
@@ -489,7 +492,8 @@ def a_lone_module_other_than_1_obeys_all_in_silence(session: Session) -> None:
 
 @check("MACC-LMT-03", "MACC-PERS-01", safety=POWERED, needs=("alone", "rig:power"))
 def the_address_outlives_the_supply_once_it_holds(session: Session) -> None:
-    """A power cut amid the procedure leaves the old address; one after it, the new one."""
+    """After a power cycle during the address procedure the module has its old address; after one
+    behind the procedure, the new one."""
     driver = CanDriver(session)
     driver.motion.at_rest()
     old, new = (
@@ -514,7 +518,30 @@ def _cycle(driver: CanDriver, address: int, requirement: str) -> None:
     driver.session.rig.work("power", True)
     boot_up, _ = await_boot_up(driver, address=address)
     driver.session.expect(
-        boot_up is not None, requirement, f"a boot-up message from address {address}", "none"
+        boot_up is not None,
+        requirement,
+        f"a boot-up message from address {address}",
+        partial(_boot_up_seen, driver, address),
+    )
+
+
+def _boot_up_seen(driver: CanDriver, address: int) -> Observation:
+    """What a module said after a power cycle in place of its boot-up message, in words."""
+    frames: list[Frame] = []
+    for record in reversed(driver.session.records()):
+        if record.direction is Direction.NOTE and record.text.startswith(RIG):
+            break
+        frames += unpack_all(record.data) if record.direction is Direction.DEVICE else []
+    ups = [one for one in frames if codec.boot_up_form(one) is not None]
+    what = f"no boot-up message came within {boot_silence_limit_s(driver):.1f} s"
+    if ups:
+        came = codec.spontaneous_from(ups[0])
+        what = f"the module sent its boot-up message from address {came} ({ups[0].identifier:03X}h)"
+    return Observation(
+        f"after the address procedure (LMT) and a power cycle, {what}",
+        value="none",
+        wanted=f"a boot-up message from address {address} ({codec.BOOT_UP + address:03X}h)",
+        causes=("LMT: enter", "LMT: new address", "LMT: return"),
     )
 
 

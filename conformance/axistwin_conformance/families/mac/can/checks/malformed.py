@@ -148,8 +148,8 @@ def unassigned_uploads_are_refused(session: Session) -> None:
 
 @check("MACC-SDO-11", "MACC-SDO-06")
 def a_short_request_gets_no_reply(session: Session) -> None:
-    """An upload request of 0 to 7 bytes gets no reply, or what it gets with zeros behind it; the
-    next whole one gets one."""
+    """An upload request of 0 to 7 bytes gets no reply, or the reply to the request padded with
+    zeros; the next complete request is answered."""
     driver = CanDriver(session)
     for index in (0x20, 0x22, 0x26):
         for length in range(codec.TRANSFER_BYTES):

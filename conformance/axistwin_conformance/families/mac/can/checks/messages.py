@@ -6,14 +6,16 @@ a request lies in that exchange's window (`AxisExchange.taken`).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
+from itertools import cycle, pairwise
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import Observation
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
@@ -253,17 +255,13 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
     driver = CanDriver(session)
     start = driver.motion.ready()
     exchange = driver.client.within(QUIET_S, 0x00)
-    frames = [
-        driver.client.request(0x20).frame(),
-        driver.client.request(0x0F, 0x77).frame(),
-        codec.sync(),
-    ]
-    frames += [driver.client.request(0x12).frame(), driver.client.request(0x20, 0, 0x01).frame()]
+    requests = ((0x20,), (0x0F, 0x77), (0x12,), (0x20, 0, 0x01))
+    frames = [codec.sync(), *(driver.client.request(*each).frame() for each in requests)]
     if not session.envelope.is_guarded:
         frames.append(driver.client.request(0x13, start + 500).frame())
     until_ns = exchange.taken.earliest_ns + round((driver.motion.deaf_surely_s) * 1e9)
     until_ns -= round(2 * QUIET_S * 1e9) + driver.client.target.uncertainty_ns
-    for frame in itertools.cycle(frames):
+    for frame in cycle(frames):
         if driver.client.target.now_ns >= until_ns:
             break
         received = replies(driver, frame, is_awaited=False)
@@ -379,8 +377,8 @@ def judge_payload(driver: CanDriver, message: Arrival, status: bytes, requiremen
 
 @check("MACC-EMCY-01", "MACC-EMCY-03")
 def a_lifebeat_comes_every_ten_seconds_of_silence(session: Session) -> None:
-    """Ten seconds after the last request, and every ten from then on, the module says eight bytes
-    under 080h plus its address."""
+    """Ten seconds after the last request, and every ten seconds after that, the module sends eight
+    bytes under 080h plus its address."""
     driver = CanDriver(session)
     driver.client.target.take_spontaneous()
     own = driver.client.ask(0x21)
@@ -419,7 +417,25 @@ def _judge_silence(driver: CanDriver) -> None:
         not came,
         ("MACC-EMCY-01", "MACC-EMCY-03"),
         "a lifebeat after ten seconds of silence, or never one",
-        f"none then, and later {came}",
+        partial(_late_seen, driver, late, came),
+    )
+
+
+def _late_seen(driver: CanDriver, late: Arrival | None, came: str) -> Observation:
+    """A lifebeat that came late, in words."""
+    value = f"none then, and later {came}"
+    spare_ms = slack_ns(driver, LIFEBEAT_NS) / 1e6
+    wanted = f"{LIFEBEAT_S:.0f} s ± {spare_ms:.1f} ms (or no lifebeat ever: MACC-AMB-05)"
+    if late is None:
+        return Observation(f"a message under the identifier of SYNC came: {came}", value, wanted)
+    asked = [one for one in driver.session.records() if one.direction is Direction.HOST]
+    after_s = (late.time_ns - asked[-1].time_ns) / 1e9
+    number = driver.client.address
+    return Observation(
+        f"module {number} sent its first lifebeat ({late.frame}) {after_s:.1f} s after the last"
+        " request to it",
+        value,
+        wanted,
     )
 
 

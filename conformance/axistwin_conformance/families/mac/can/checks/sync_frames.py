@@ -53,7 +53,7 @@ def sync_silently(driver: CanDriver, frame: Frame, requirement: str) -> None:
 
 @check("MACC-SYNC-01", "MACC-SYNC-03", safety=MOVES)
 def sync_starts_a_preloaded_move(session: Session) -> None:
-    """A move held back by 2010h begins with the frame 080h, and is the one that 2011h begins."""
+    """A move preloaded after 2010h starts on SYNC (080h), and is the same as on 2011h."""
     driver = CanDriver(session)
     start = driver.motion.ready(PERIOD, 1)
     for begin in ("SYNC", "2011h"):

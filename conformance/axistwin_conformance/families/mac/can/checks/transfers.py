@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
@@ -59,6 +61,20 @@ def judge_accepted(driver: CanDriver, request: CanRequest, requirement: str) -> 
     exactly(driver, request.frame(), reply_frame(request, codec.ACCEPTED), requirement)
 
 
+def _refusal_seen(request: CanRequest, received: tuple[Frame, ...], wanted: Frame) -> Observation:
+    """What came in place of a refusal, in words."""
+    came, expected = described(received), f"the refusal {wanted}, and nothing else"
+    clause = f"{REQUEST} was answered with {came}" if received else f"{REQUEST} got no reply"
+    if len(received) == 1 and received[0].data[:1] == wanted.data[:1]:
+        fields = [one.data[2:3] + one.data[1:2] + one.data[3:4] for one in (received[0], wanted)]
+        seen, due = (
+            f"{one[:2].hex().upper()}h sub-index {one[2:].hex().upper()}h" for one in fields
+        )
+        clause = f"the refusal of {REQUEST} named index {seen}: {received[0]}"
+        expected = f"index {due}: {wanted}"
+    return Observation(clause, came, expected, request=request.frame().pack(), is_whole=False)
+
+
 def judge_refused(driver: CanDriver, request: CanRequest, requirement: str) -> None:
     """80h, what was named, four zeros, or a reason instead (MACC-AMB-17); nothing else."""
     received, wanted = replies(driver, request.frame()), reply_frame(request, codec.REFUSED)
@@ -68,7 +84,7 @@ def judge_refused(driver: CanDriver, request: CanRequest, requirement: str) -> N
         is_whole and received[0].identifier == wanted.identifier,
         requirement,
         f"{wanted} alone",
-        described(received),
+        partial(_refusal_seen, request, received, wanted),
     )
     if requirement == "MACC-SDO-02":
         driver.judge.reading("abort_code_form", int(received[0] != wanted), requirement)
@@ -160,8 +176,8 @@ def accepted_downloads_are_answered_with_60h_and_zeros(session: Session) -> None
 
 @check("MACC-SDO-02", "MACC-SDO-12", safety=MOVES)
 def refused_downloads_are_answered_with_80h_and_zeros(session: Session) -> None:
-    """During a move what it locks gets 80h, its index, its sub-index and four zeros; the move goes
-    on and nothing is stored."""
+    """Downloads that are locked during a move are refused with 80h, their index and sub-index, and
+    four zeros; the move goes on and nothing is stored."""
     driver = CanDriver(session)
     start = driver.motion.ready(SLOWEST, 0)
     before = held(driver)[1:]

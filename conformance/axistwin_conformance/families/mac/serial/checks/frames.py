@@ -8,7 +8,8 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Part
+from axistwin_conformance.core.wording import REQUEST
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange, Part
 from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD, segment_parameter
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
@@ -160,20 +161,31 @@ def _is_dropped(
     driver.judge.alive("MACS-FRAME-12")
 
 
+USUAL_MISTAKES: Final = {  # by how much they make the sum too large
+    0x95: ", which is the sum with the length field 014 added,",
+    0x97: ", which is the sum with Stx and the length field 014 added,",
+}
+
+
 @check("MACS-FRAME-03", "MACS-REPLY-02", "MACS-REPLY-11")
 def every_other_checksum_is_nacked(session: Session) -> None:
-    """A query is answered under the right checksum and gets one byte 15h under any other."""
+    """A query with the right checksum is answered; with any other it gets the single byte 15h."""
     driver = SerialDriver(session)
     frame = driver.client.request(0x28, 0, 0xAF)
     driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame), "MACS-FRAME-03")
     if driver.client.is_nacked_by_many:
         session.skip(NACKED_BY_MANY)
-    # 95h is the sum of 014 and 97h that of Stx 014: the two usual mistakes are always tried.
-    offsets = range(1, 0x100) if session.target.is_virtual else (1, 0x0F, 0x10, 0x95, 0x97, 0xFF)
+    offsets = (
+        range(1, 0x100) if session.target.is_virtual else (1, 0x0F, 0x10, *USUAL_MISTAKES, 0xFF)
+    )
     for offset in offsets:
         exchange = driver.client.send(frame.with_wrong_checksum(offset))
-        driver.judge.must(
-            ReplyKind.NACK, exchange, ("MACS-FRAME-03", "MACS-REPLY-02", "MACS-REPLY-11")
+        seen, mistake = driver.client.observed(exchange), USUAL_MISTAKES.get(offset, "")
+        session.expect(
+            exchange.kind is ReplyKind.NACK,
+            ("MACS-REPLY-02", "MACS-REPLY-11", "MACS-FRAME-03"),
+            driver.client.wanted(ReplyKind.NACK),
+            replace(seen, clause=seen.clause.replace(REQUEST, f"{REQUEST}{mistake}")),
         )
     extra = session.target.receive(1, QUIET_S)
     session.expect(not extra, "MACS-REPLY-02", "nothing after 15h", extra.hex(" "))
@@ -256,22 +268,23 @@ def only_its_own_address_and_ff_reach_it(session: Session) -> None:
         names = ("MACS-FRAME-07", "MACS-REPLY-13") if address < 0x80 else ("MACS-FRAME-07",)
         is_silent = exchange.kind is ReplyKind.SILENCE
         hint = "" if is_silent or address >= 0x80 else unknown_module_at(driver.client, address)
-        wanted = driver.client.wanted(ReplyKind.SILENCE, exchange.request)
-        session.expect(is_silent, names, wanted, exchange.reply, hint)
+        wanted, came = driver.client.wanted(ReplyKind.SILENCE), driver.client.observed(exchange)
+        session.expect(is_silent, names, wanted, came, hint)
     driver.judge.alive()
 
 
 @check("MACS-FRAME-08", "MACS-Q-XX-02")
 def queries_end_at_29h(session: Session) -> None:
-    """20h..29h are answered with data; 2Ah..2Fh and everything above are not assigned."""
+    """20h to 29h are answered with data; 2Ah to 2Fh and all above are treated as not used."""
     driver = SerialDriver(session)
     for index in range(0x20, 0x2A):
         driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-FRAME-08")
     above = range(0x30, 0x100) if session.target.is_virtual else (0x30, 0x40, 0x80, 0xFF)
     for index in (*range(0x2A, 0x30), *above):
-        driver.judge.reading(
-            "unknown_index", unassigned(driver, index), ("MACS-FRAME-08", "MACS-Q-XX-02")
-        )
+        names = ("MACS-Q-XX-02", "MACS-FRAME-08")
+        exchange = driver.client.send(driver.client.request(index), QUIET_S)
+        outcome = reading_of_unassigned(driver, index, exchange)
+        driver.judge.reading("unknown_index", outcome, names, driver.client.observed(exchange))
 
 
 @check("MACS-CMD-XX-01", "MACS-FRAME-08")
@@ -292,9 +305,15 @@ def unassigned_commands_are_refused(session: Session) -> None:
 
 def unassigned(driver: SerialDriver, index: int, parameter: int = 0) -> int | str:
     """Which reading of MACS-AMB-58 an unassigned index shows."""
-    reply = driver.client.send(driver.client.request(index, parameter), QUIET_S).reply
+    exchange = driver.client.send(driver.client.request(index, parameter), QUIET_S)
+    return reading_of_unassigned(driver, index, exchange)
+
+
+def reading_of_unassigned(driver: SerialDriver, index: int, exchange: AxisExchange) -> int | str:
+    """The same of an exchange."""
+    reply = exchange.reply
     if reply.kind is ReplyKind.ANSWER:
-        return 2 if reply.data == 0 else f"{index:02X}h: {reply}"
+        return 2 if reply.data == 0 else f"{index:02X}h: {reply}"  # no reading explains it
     if (
         reply.kind is ReplyKind.ACCEPTED
         and index < 0x20
@@ -347,11 +366,25 @@ def noise_between_frames_is_ignored(session: Session) -> None:
 
 @check("MACS-FRAME-11")
 def stx_begins_anew(session: Session) -> None:
-    """Stx inside an unfinished frame restarts reception: half a frame and a whole one get one."""
+    """Stx inside an unfinished frame restarts it: half a frame and a whole one get one answer."""
     driver = SerialDriver(session)
     frame = driver.client.request(0x20).encode()
     for cut in range(1, len(frame)) if session.target.is_virtual else (1, 4, 10, 20):
-        driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame[:cut] + frame))
+        exchange = driver.client.send(frame[:cut] + frame)
+        seen = driver.client.observed(exchange)
+        part = "byte" if cut == 1 else f"{cut} bytes"
+        clause = seen.clause.replace(REQUEST, f"a whole 20h query behind its first {part}")
+        session.expect(
+            exchange.kind is ReplyKind.ANSWER,
+            None,
+            "an answer",
+            replace(
+                seen,
+                clause=f"{clause} ({exchange.request.hex(' ').upper()})",
+                wanted="an answer, because each Stx (02h) begins a new frame",
+                is_whole=True,
+            ),
+        )
         extra = session.target.receive(1, QUIET_S)
         session.expect(not extra, None, "one reply", f"then {extra.hex(' ')}")
 
@@ -370,7 +403,7 @@ def characters_that_are_no_digits_are_refused(session: Session) -> None:
 
 @check("MACS-FRAME-13", safety="stored")
 def parameters_that_are_no_digits_are_refused(session: Session) -> None:
-    """Something else than a hex digit in a stored value is refused, and the value stays."""
+    """09h with a character that is no hex digit is refused, and the stored value stays."""
     driver = SerialDriver(session)
     before = driver.client.value(0x22)
     for characters in NOT_HEX:
@@ -413,15 +446,19 @@ def no_command_takes_another_character_for_a_digit(session: Session) -> None:
 
 
 def _is_refused_as_malformed(driver: SerialDriver, frame: SerialRequest) -> None:
-    reply = driver.client.send(frame, QUIET_S).reply
-    if reply.kind is ReplyKind.NACK:
+    exchange = driver.client.send(frame, QUIET_S)
+    if exchange.kind is ReplyKind.NACK:
         driver.judge.reading("bad_frame_reply", 1)
         return
+    wrong = next(byte for byte in frame.summed if byte not in codec.DIGITS)
+    name = "a blank" if wrong == 0x20 else f'"{chr(wrong)}"'
+    seen = driver.client.observed(exchange)
+    clause = seen.clause.replace(REQUEST, f"{REQUEST} with {name} ({wrong:02X}h) as a hex digit")
     driver.session.expect(
-        reply.kind is ReplyKind.REFUSED,
+        exchange.kind is ReplyKind.REFUSED,
         None,
-        "that it is refused: the parameter holds what is no digit",
-        reply,
+        driver.client.wanted(ReplyKind.REFUSED),
+        replace(seen, clause=clause, is_whole=True),
     )
 
 

@@ -7,6 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
@@ -27,7 +28,7 @@ DEAF_MS: Final = range(1500, 2501)
 
 @check("MACS-CMD-00-03", "MACS-CMD-00-02", "MACS-CMD-00-01", safety=MOVES)
 def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
-    """00h is acknowledged, or not; then every frame is lost for 2 s, without reply or effect."""
+    """After 00h, acknowledged or not, every frame is lost for 2 s, without reply or effect."""
     driver = SerialDriver(session)
     start = driver.motion.ready()
     exchange = driver.client.command(0x00)
@@ -57,7 +58,13 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
         deaf_ms in range(DEAF_MS[0], DEAF_MS[-1] + 1 + late_ms),
         "MACS-CMD-00-02",
         f"no answer for {DEAF_MS[0]}..{DEAF_MS[-1]} ms after 00h",
-        f"the first answer after {deaf_ms} ms",
+        Observation(
+            f"the module answered {REQUEST} {deaf_ms} ms after the end of 00h (module init)",
+            value=f"the first answer after {deaf_ms} ms",
+            wanted=f"no answer for 2 s (accepted: {DEAF_MS[0]}..{DEAF_MS[-1]} ms, because the"
+            " manual gives no tolerance)",
+            causes=("00h",),
+        ),
     )
     session.info("MACS-CMD-00-02", f"deaf for {deaf_ms} ms, to {POLL_S * 1000:.0f} ms")
     boot_ms = round(driver.motion.deaf_s * 1000)
@@ -97,8 +104,8 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
         session.expect(
             exchange.kind is kind,
             "MACS-CMD-00-02",
-            f"{kind.in_words} {driver.motion.deaf_s + after_s:.2f} s after 00h",
-            exchange.reply,
+            f"{driver.client.wanted(kind)} {driver.motion.deaf_s + after_s:.2f} s after 00h",
+            driver.client.observed(exchange),
         )
         driver.motion.wait_awake()
     driver.judge.alive("MACS-CMD-00-01")

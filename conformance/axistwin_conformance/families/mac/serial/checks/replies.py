@@ -6,12 +6,14 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.sync import is_held
+from axistwin_conformance.families.mac.axis.words import TICK
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
 from axistwin_conformance.families.mac.serial.probes.line import nack_readings, rx_during_xoff
@@ -57,7 +59,7 @@ def the_manuals_examples_get_their_printed_replies(session: Session) -> None:
 
 @check("MACS-REPLY-07", "MACS-REPLY-08", "MACS-REPLY-09", "MACS-REPLY-10")
 def every_answer_has_the_form_of_the_manual(session: Session) -> None:
-    """Queries 20h..29h answer 21 bytes: 011, the address asked, the second digit of the index."""
+    """20h to 29h are answered in 21 bytes: length field 011, own address, second index digit."""
     driver = SerialDriver(session)
     for index in range(0x20, 0x2A):
         exchange = driver.client.ask(index)
@@ -68,7 +70,12 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
             reply.address == driver.client.address,
             "MACS-REPLY-08",
             f"address {driver.client.address:02X} in the answer",
-            f"address {reply.address:02X}",
+            Observation(
+                f"module {driver.client.address:02X}h answered {REQUEST} with address"
+                f" {reply.address:02X}h",
+                value=f"address {reply.address:02X}",
+                wanted=f"its own address, {driver.client.address:02X}h",
+            ),
         )
         _judge_digit(driver, index, reply)
         _judge_length(driver, index, reply)
@@ -140,7 +147,8 @@ def a_wrong_checksum_for_somebody_else_is_not_nacked(session: Session) -> None:
     safety=("motion", "stored"),
 )
 def refusals_change_nothing(session: Session) -> None:
-    """During a move 13h and 0Dh get 06 13 17, a wrong checksum still 15; the move goes on."""
+    """During a move 13h and 0Dh are refused (06 13 17), a wrong checksum gets Nack (15h), and the
+    move goes on unchanged."""
     driver = SerialDriver(session)
     start = driver.motion.ready(SLOWEST)
     forecast = driver.motion.go(start + driver.limits.way_outlasting(60, SLOWEST, 8))
@@ -155,7 +163,8 @@ def refusals_change_nothing(session: Session) -> None:
     driver.motion.follow(
         forecast, ("MACS-REPLY-05", "MACS-CMD-13-02"), driver.limits.allowance(SLOWEST)
     )
-    lock = driver.client.command(0x0D, driver.limits.slowed(0x2123))
+    asked = driver.limits.slowed(0x2123)
+    lock = driver.client.command(0x0D, asked)
     if lock.kind is ReplyKind.ACCEPTED:
         driver.judge.reading("motion_lock_set", 1, "MACS-CMD-0D-02")
         driver.motion.at_rest()
@@ -167,7 +176,13 @@ def refusals_change_nothing(session: Session) -> None:
         kept == SLOWEST,
         ("MACS-REPLY-05", "MACS-CMD-0D-02"),
         "period FFFF as before",
-        f"period {kept:04X}",
+        Observation(
+            f"0Dh (maximum-speed period {asked} {TICK}) was {lock.reply} during a move, yet"
+            f" {REQUEST} then showed {kept} {TICK}",
+            value=f"period {kept:04X}",
+            wanted=f"{SLOWEST} {TICK}, the value before it",
+            causes=("0Dh",),
+        ),
     )
     place = driver.client.position()
     driver.judge.accepted(0x10)

@@ -13,9 +13,9 @@ from axistwin_conformance.transport.rig import POWER, RigControl, rig_controls
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 RATE: Final = 9600
-PRESS: Final = RigControl(
-    "press", "button", "presses the button", ("Press the button.", ""), "press", is_step=True
-)
+DO: Final = ("Press the button.", "")
+DONE: Final = ("the button was pressed", "")
+PRESS: Final = RigControl("press", "button", "presses the button", DO, DONE, "press", is_step=True)
 
 
 class Lamp:
