@@ -11,7 +11,7 @@ from axistwin_conformance.base import ledger as ledger_module
 from axistwin_conformance.base.ledger import RequirementKind, load_ledger, parse_ledger
 from axistwin_conformance.families.catalog import families
 
-LEDGERS = sorted({family.name for family in families()} | {"mac_can"})
+LEDGERS = sorted({family.name for family in families()} | {"mac_can", "mn400"})
 # How many requirements each chapter of the CAN ledger has.
 CAN_CHAPTERS = {
     "ID": 3, "SDO": 14, "BOOT": 4, "EMCY": 5, "SYNC": 5, "LMT": 9, "GEN": 3, "CMD": 32, "Q": 11,
@@ -23,6 +23,18 @@ MSC_CHAPTERS = {
     "DWRITE": 5, "RFLAG": 2, "RFLAGS": 3, "RQSTAT": 3, "SFLAG": 3, "STA": 4, "MOD": 2, "DAT": 3,
     "FLG": 3, "PROP": 16,
 }  # fmt: skip
+# How many each chapter of the MN400 ledger has, in its order.
+MN4_CHAPTERS = {
+    "PHY": 5, "PKT": 15, "RSP": 15, "ERR": 6, "PAR": 10, "USB": 8, "CMD-M": 4, "CMD-A": 5,
+    "CMD-HEL": 4, "CMD-CC": 9, "CMD-T": 3, "CMD-Q": 5, "CMD-PAU": 4, "CMD-H": 3, "CMD-K": 3,
+    "CMD-J": 1, "CMD-U": 2, "CMD-V": 5, "CMD-F": 3, "CMD-I": 4, "CMD-L": 3, "CMD-P": 3,
+    "CMD-X": 1, "CMD-B": 2, "CMD-D": 2, "CMD-G": 2, "CMD-Y": 1, "CMD-FH": 2, "CMD-C": 3,
+    "CMD-ADDR": 4, "CMD-BAUD": 4, "CMD-E": 4, "CMD-N": 3, "CMD-S": 2, "CMD-EXIT": 4, "CMD-SHD": 1,
+    "CMD-SW": 2, "CMD-FW": 1, "CMD-POLL": 2, "CMD-RTX": 4, "NVM": 13, "PWR": 3, "STM": 8,
+    "MOT": 12, "ARC": 9, "HEL": 5, "CC": 10, "BKL": 7, "MEA": 6, "PAU": 5, "QUIT": 2, "LIM": 8,
+    "SHD": 4, "JOG": 8, "THR": 6, "SYN": 2, "IO": 3, "DROP": 12,
+}  # fmt: skip
+MN4_GAP = range(7, 10)  # the rules of ramps begin at MOT-10
 ENTRY = """
 [requirement.A-1]
 kind = "must"
@@ -85,6 +97,23 @@ def test_the_msc_ledger_is_complete_and_numbers_without_a_gap() -> None:
              for n in range(1, n + 1)]  # fmt: skip
     assert list(ledger.requirements) == named
     assert list(ledger.ambiguities) == [f"MSC-AMB-{number:02d}" for number in range(1, 46)]
+
+
+def test_the_mn400_ledger_is_complete_and_numbers_without_a_gap() -> None:
+    """287 requirements in 58 chapters, and 75 ambiguities, of which only slips have no switch."""
+    ledger = load_ledger("mn400")
+    named = [f"MN4-{chapter}-{n:02d}" for chapter, count in MN4_CHAPTERS.items()
+             for n in _mn4_numbers(chapter, count)]  # fmt: skip
+    assert list(ledger.requirements) == named
+    assert len(named) == 287
+    assert list(ledger.ambiguities) == [f"MN4-AMB-{number:02d}" for number in range(1, 76)]
+    bare = [key for key, one in ledger.ambiguities.items() if not one.switches]
+    assert bare == ["MN4-AMB-21", "MN4-AMB-64"]
+
+
+def _mn4_numbers(chapter: str, count: int) -> list[int]:
+    gap = MN4_GAP if chapter == "MOT" else range(0)
+    return [n for n in range(1, count + len(gap) + 1) if n not in gap]
 
 
 def test_what_the_axis_leaves_open_is_left_open_on_both_wires() -> None:

@@ -1,0 +1,122 @@
+"""What the engine must know of the MN400 beside its checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final
+
+from axistwin_conformance.base.transcript import Direction, Record
+from axistwin_conformance.core.family import Family, Violation
+from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.lenient import Lenient
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import Exchange
+from axistwin_conformance.families.mn400 import codec, lenient, safety, snapshot, words
+from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
+from axistwin_conformance.families.mn400.snapshot import BoardSnapshot
+from axistwin_conformance.transport.serial import SerialTransport, open_target
+
+MODEL: Final = Model("mn400", "MN400 4-axis motion controller")
+QUERIES: Final = (ReplyForm.DATA, ReplyForm.LISTING, ReplyForm.PRESENT, ReplyForm.REPEATED)
+
+
+class Mn400(Family):
+    """MN400 boards on a serial line."""
+
+    name = "mn400"
+    models: ClassVar = {MODEL.name: MODEL}
+    addresses = codec.IDS
+    default_address = 1
+    default_rate = codec.RATES[0]
+    rates = codec.RATES
+    impact: ClassVar = {
+        "motion": "moves axes, switches outputs, changes modal settings",
+        "stored": "replaces the stored program (Z)",
+        "destructive": "changes address, rate and the configuration program (=, ~, .)",
+        "end": "modal settings that were changed are put back to those of power-on",
+    }
+
+    def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> SerialTransport:
+        """Open a port at that rate, or at the one of power-on."""
+        return open_target(url, rate or codec.RATES[0], is_builtin=is_builtin)
+
+    def explain(self, record: Record) -> str:
+        """Put a packet, or what comes back, into words."""
+        is_request = record.direction is Direction.HOST
+        return (words.explain_request if is_request else words.explain_reply)(record.data)
+
+    def in_words(self, request: bytes, reply: bytes) -> Exchange:
+        """Put an exchange into the words of a failure."""
+        packet = codec.parse(request)
+        if packet is None or not packet.is_sound:
+            return Exchange(words.explain_request(request))
+        rule = rule_of(packet.text)
+        is_query = rule is not None and rule.form in QUERIES
+        told = words.command_words(packet.text)
+        is_usual = packet.board == self.default_address
+        return Exchange(told if is_usual else f"{told}, to {packet.board}", is_query=is_query)
+
+    def driver(self, session: Session, address: int | None = None) -> BoardDriver:
+        """A board on the line."""
+        return BoardDriver(session, address)
+
+    def identify(self, session: Session) -> Identity:
+        """See `snapshot.identify`."""
+        return snapshot.identify(session)
+
+    def is_alive(self, session: Session) -> bool:
+        """See `snapshot.sanity`."""
+        return snapshot.sanity(session)
+
+    def stop(self, session: Session) -> None:
+        """See `snapshot.stop`."""
+        snapshot.stop(session)
+
+    def remember(self, session: Session) -> BoardSnapshot:
+        """See `snapshot.remember`."""
+        return snapshot.remember(session)
+
+    def restore(self, session: Session, memory: BoardSnapshot) -> tuple[str, ...]:
+        """See `snapshot.restore`."""
+        return snapshot.restore(session, memory)
+
+    def kept(self, memory: BoardSnapshot) -> Mapping[str, Any]:
+        """Counters and feed hold."""
+        return memory.as_object()
+
+    def memory_of(self, held: Mapping[str, Any]) -> BoardSnapshot:
+        """See `BoardSnapshot.from_object`."""
+        return BoardSnapshot.from_object(held)
+
+    def forbid(self, session: Session, data: bytes) -> str | None:
+        """Why these bytes must not be sent; see `safety`.  What they set is noted, to be put
+        back."""
+        check, memory = session.check, session.run.memory
+        if check is None:
+            return None
+        snapshot.note_sent(session, data)
+        if isinstance(memory, BoardSnapshot):
+            memory.touched |= {text[:1].upper() for text in safety.texts(data)}
+        allowed = frozenset(check.safety)
+        return safety.objection(data, allowed, session.address, session.target.baud)
+
+    def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
+        """Which requirement a reply breaks that no board gives: the first departure of it."""
+        asked = codec.parse(request)
+        if asked is None or not asked.is_sound or reply == b"":
+            return None
+        if reply is None:
+            is_known = rule_of(asked.text) is not None
+            return Violation("MN4-RSP-03", "packets", "nothing") if is_known else None
+        read = lenient.lenient(asked.board, request, reply)
+        if read is None:
+            came = words.hex_words(reply)
+            return Violation("MN4-RSP-01", "packets", came)
+        for one in read.departures:
+            return Violation(one.requirement, f"{one.name} {one.expected}", one.actual)
+        return None
+
+    def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
+        """See `lenient`."""
+        return lenient.lenient(session.address, request, reply)

@@ -1,0 +1,231 @@
+"""Exchanges with one board: a request there, and the packets that answer it.
+
+Rules.
+
+1. A reply has no length and no announced number of packets.  After START one more packet comes,
+   after anything else none (MN4-RSP-03, MN4-RSP-04); only the listing of a program has as many as
+   it has lines.  What comes beyond that is left for who looks for it (`strays_now`).
+2. After doubt about framing a board may take the next request for the end of a cut one: then the
+   caller waits out its receive time-out before he asks anything (MN4-PKT-15).
+3. Where bytes may get lost, what reads is sent again below the checks; what sets a value too, for
+   it sets the same one.  What moves, stores or counts is not: that voids the attempt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400 import codec, words
+from axistwin_conformance.families.mn400.codec import BoardPacket, ReturnCode
+from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
+from axistwin_conformance.transport.serial import SerialTransport
+
+RECEIVED_AT_ONCE: Final = 4096
+QUIET_S: Final = 0.1  # after which a board that is talking has ended
+REPLY_LIMIT_S: Final = 0.25  # MN4 9.3: of any reply, before it begins
+MEASURES_S: Final = {1: 0.1, 2: 1.0}  # by the parameter of E (MN4-MEA-01)
+MOST_STRAYS: Final = 512  # bytes of no packet that are worth reading
+MOST_LINES: Final = 4096  # of a listing: more than 8 KiB hold
+REPEATABLE: Final = frozenset("/?SNE[:*RVFBDPXGYI;L|Q")  # rule 3
+TIMEOUT_MARGIN_S: Final = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class BoardExchange:
+    """A request and what came of it.
+
+    `found`: the packets; `strays`: what belongs to none.  Times (ns, of the target's clock):
+    `asked_ns` when sending began, `came_ns` when each packet was there.
+    """
+
+    request: bytes
+    found: tuple[BoardPacket, ...]
+    strays: bytes = b""
+    asked_ns: int = 0
+    came_ns: tuple[int, ...] = ()
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """What the packets say, in their order."""
+        return codec.codes_of(self.found)
+
+    @property
+    def raw(self) -> bytes:
+        """All that came; strays stand behind the packets."""
+        return b"".join(packet.raw for packet in self.found) + self.strays
+
+    @property
+    def is_silence(self) -> bool:
+        """True if nothing came at all."""
+        return not self.raw
+
+    @property
+    def is_sound(self) -> bool:
+        """True for sound packets and nothing else."""
+        return bool(self.found) and not self.strays and all(one.is_sound for one in self.found)
+
+    @property
+    def value(self) -> BoardPacket | None:
+        """The first data packet."""
+        return next((packet for packet in self.found if packet.code is None), None)
+
+    @property
+    def done_ns(self) -> int:
+        """When the last packet was there; when it was asked, if none came."""
+        return self.came_ns[-1] if self.came_ns else self.asked_ns
+
+    def says(self, *codes: str) -> bool:
+        """True if sound packets say exactly that."""
+        return self.is_sound and self.codes == codes
+
+    def __str__(self) -> str:
+        return words.explain_reply(self.raw) or "nothing"
+
+
+class BoardClient:
+    """One board on the line: what is said to it and what it says."""
+
+    def __init__(self, session: Session, board: int | None = None) -> None:
+        self.session = session
+        self.board = session.address if board is None else board
+        self.target: SerialTransport = session.target
+
+    # --- one way ----------------------------------------------------------------------------------
+
+    def request(self, text: str | bytes) -> bytes:
+        """A sound packet for this board."""
+        return codec.request(self.board, text)
+
+    def send(self, raw: bytes) -> int:
+        """Send the bytes as they are; return when that began (ns)."""
+        return self.target.send(raw)
+
+    def listen(self, seconds: float) -> bytes:
+        """All that comes within so long."""
+        return self.target.receive(RECEIVED_AT_ONCE, seconds)
+
+    def strays_now(self) -> bytes:
+        """What still comes, although the reply is over."""
+        return self.listen(QUIET_S + self.target.uncertainty_ns / 1e9)
+
+    def receive_packet(self, timeout_s: float) -> tuple[BoardPacket | None, bytes]:
+        """The next packet, and what came before it or instead of it; `timeout_s` (s) until its
+        first byte, the rest has the time it takes on the line."""
+        strays, received = b"", self.target.receive(1, timeout_s)
+        while received and received[0] < codec.ADDRESS_MARK and len(strays) < MOST_STRAYS:
+            strays += received
+            received = self.target.receive(1, timeout_s)
+        while received and not codec.packet_end(received) and len(received) < MOST_STRAYS:
+            more = self.target.receive(self._missing(received), self.session.reply_timeout_s)
+            if not more:
+                break
+            received += more
+        if not codec.packet_end(received):
+            return None, strays + received
+        return codec.parse(received), strays
+
+    @staticmethod
+    def _missing(received: bytes) -> int:
+        """How many bytes may be read at once without reading beyond this packet."""
+        if len(received) > 1 and received[-1] >= codec.ADDRESS_MARK:
+            return 1
+        return 1 if len(received) >= 2 else codec.LEAST_PACKET - len(received) - 1
+
+    # --- waiting ----------------------------------------------------------------------------------
+
+    @property
+    def frame_timeout_s(self) -> float:
+        """For how long a board waits for the rest of a frame, as measured or by default."""
+        return int(self.session.reading("rx_timeout_ms")) / 1000
+
+    def forget_frame(self) -> bytes:
+        """Wait until a board has given up what it took for a frame (rule 2); return what came."""
+        return self.listen(self.frame_timeout_s + TIMEOUT_MARGIN_S)
+
+    def limit_s(self, text: str) -> float:
+        """How long to wait for the first byte of each packet of a reply."""
+        measure = MEASURES_S.get(int(text[1:]), 0.0) if text[1:].isdigit() else 0.0
+        return self.session.reply_timeout_s + (measure if text[:1].upper() == "E" else 0.0)
+
+    # --- both ways --------------------------------------------------------------------------------
+
+    def ask(self, text: str | bytes, **how: float) -> BoardExchange:
+        """Send a sound request with that text; `how` is as `ask_raw` takes it."""
+        return self.ask_raw(self.request(text), **how)
+
+    def ask_raw(self, raw: bytes, timeout_s: float | None = None) -> BoardExchange:
+        """Send a packet and take the packets that come of it (rules 1 and 3).
+
+        `timeout_s`: until the first byte of each; None: as long as a board may take.
+        """
+        exchange = self._once(raw, timeout_s)
+        if self.target.is_lossless:
+            return exchange
+        packet = codec.parse(raw)
+        is_own = packet is not None and packet.is_sound and packet.board == self.board
+        if not is_own or packet is None:
+            return exchange
+        self.target.note_exchange(raw, len(exchange.raw), exchange.asked_ns)
+        return self._undisturbed(exchange, packet, timeout_s)
+
+    def _undisturbed(
+        self, exchange: BoardExchange, packet: BoardPacket, timeout_s: float | None
+    ) -> BoardExchange:
+        """Send again until noise is not the reason for what came (rule 3)."""
+        bad: list[bytes] = []
+        for _ in range(RETRY.exchange):
+            is_good = self._is_good(exchange)
+            if self.session.is_believed(bad, exchange.raw, is_good=is_good):
+                break
+            told = f"{words.explain_request(exchange.request)}: {exchange}"
+            if packet.command.upper() not in REPEATABLE:
+                if self.session.check is not None:
+                    self.session.void_attempt(told)
+                break
+            self.session.record_retry(told)
+            self.forget_frame()
+            exchange = self._once(exchange.request, timeout_s)
+        return exchange
+
+    def _is_good(self, exchange: BoardExchange) -> bool:
+        """True if a board could say that to a sound request."""
+        is_bad = "CHKSUMERROR" in exchange.codes or "TIMEOUT" in exchange.codes
+        is_whole = exchange.codes[-1:] != ("START",)
+        return exchange.is_sound and is_whole and not is_bad
+
+    def _once(self, raw: bytes, timeout_s: float | None) -> BoardExchange:
+        self.target.drain()
+        asked_ns = self.target.send(raw)
+        packet = codec.parse(raw)
+        text = "" if packet is None else packet.text
+        limit_s = self.limit_s(text) if timeout_s is None else timeout_s
+        found, strays = list[BoardPacket](), b""
+        came_ns: list[int] = []
+        while len(found) < MOST_LINES:
+            got, before = self.receive_packet(limit_s)
+            strays += before
+            if got is None:
+                break
+            found.append(got)
+            came_ns.append(self.target.now_ns)
+            if self._is_over(text, found):
+                break
+            limit_s = self._next_limit_s(text, found, limit_s)
+        return BoardExchange(raw, tuple(found), strays, asked_ns, tuple(came_ns))
+
+    def _is_over(self, text: str, found: list[BoardPacket]) -> bool:
+        """True if a reply has all its packets (rule 1)."""
+        if found[-1].code == ReturnCode.START:
+            return text[:1] == "&"
+        if found[-1].code == ReturnCode.BAUDCHANGEOK:
+            return self.session.reading("baud_reply") != "plus_done"
+        rule = rule_of(text)
+        is_listing = rule is not None and rule.form is ReplyForm.LISTING
+        return not is_listing or found[-1].code is not None
+
+    def _next_limit_s(self, text: str, found: list[BoardPacket], limit_s: float) -> float:
+        """Lines of a listing follow one another at once."""
+        return QUIET_S if text[:1].upper() == "R" and len(found) > 1 else limit_s

@@ -1,0 +1,1 @@
+"""Probes of the MN400: which reading of its manual a board follows."""

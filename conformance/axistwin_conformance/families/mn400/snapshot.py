@@ -1,0 +1,184 @@
+"""What the engine must know of a board: who is there, whether it answers, how to bring it to rest,
+what to remember of it and put back.
+
+Of the modal state a board tells the counters and the feed hold; speed, profile, plane and so on
+cannot be read.  They are volatile: what a check has set is put back to what it is at power-on,
+unless a configuration program has set something else, which nobody can see.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+from axistwin_conformance.base.check import CheckFunction
+from axistwin_conformance.base.errors import TargetError, WrongDevice
+from axistwin_conformance.core.identity import Identity
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400 import codec, words
+from axistwin_conformance.families.mn400.client import QUIET_S, BoardExchange
+from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
+from axistwin_conformance.families.mn400.safety import danger, texts
+from axistwin_conformance.transport.transport import Transport
+
+ENTERING: Final = "(Zz."
+# What commands set that cannot be read, as at power-on (MN4-PWR-01, MN4-PWR-02).
+POWER_ON: Final[Mapping[str, str]] = {
+    "V": "V2000", "F": "F1000,5000,10000", "B": "B0,0,0,0", "D": "D1,1,1,1", "P": "P1,3,2",
+    "X": "X1", "G": "G2000,1000,100,10,8000", "Y": "Y1000", "H": "H0", "J": "J0",
+}  # fmt: skip
+
+
+@dataclass(slots=True)
+class BoardSnapshot:
+    """Counters and feed hold of a board, and which commands have set something since."""
+
+    counters: tuple[int, ...]
+    feed_hold: int | None  # None: this board does not tell it (MN4-AMB-38)
+    touched: set[str] = field(default_factory=set)
+
+    def as_object(self) -> dict[str, Any]:
+        """The same as a file keeps it."""
+        return {"counters": [*self.counters], "feed_hold": self.feed_hold}
+
+    @classmethod
+    def from_object(cls, kept: Mapping[str, Any]) -> BoardSnapshot:
+        """All of it to be put back; raises ValueError, KeyError or TypeError for what is none."""
+        counters = tuple(map(int, kept["counters"]))
+        if len(counters) != AXES:
+            raise ValueError(f"{len(counters)} counters; a board has {AXES}")
+        feed_hold = None if kept["feed_hold"] is None else int(kept["feed_hold"])
+        return cls(counters, feed_hold, {"L", ";", "I", *POWER_ON})
+
+    def __str__(self) -> str:
+        told = f"counters {', '.join(map(str, self.counters))}"
+        return told if self.feed_hold is None else f"{told}; feed hold {self.feed_hold}"
+
+
+# --- who is there ---------------------------------------------------------------------------------
+
+
+def identify(session: Session) -> Identity:
+    """Poll the board and ask for its firmware."""
+    driver = BoardDriver(session)
+    exchange = driver.ask("*")
+    if not exchange.found:
+        raise TargetError(
+            f"no board answers as id {driver.board} at {session.target.baud} baud:"
+            f" {_came(driver, exchange)}; try --baud with one of"
+            f" {', '.join(map(str, codec.RATES))}, or another --address"
+        )
+    if not exchange.says("START", "PRESENT"):
+        raise TargetError(f"no MN400 answers so to a poll: {_came(driver, exchange)}")
+    firmware = driver.ask("?").value
+    told = "unknown" if firmware is None else firmware.value
+    if firmware is not None and not told.startswith("MN"):
+        raise WrongDevice(f"not an MN400: it says it is {told!r}")
+    return Identity(f"{told}, id {driver.board}", {"firmware": told})
+
+
+def _came(driver: BoardDriver, exchange: BoardExchange) -> str:
+    """What came instead of an answer, with what follows it."""
+    raw = exchange.raw + driver.client.listen(QUIET_S)
+    return words.hex_words(raw) if raw else "nothing comes"
+
+
+# --- between checks -------------------------------------------------------------------------------
+
+
+def sanity(session: Session) -> bool:
+    """A poll that is answered; again once the board has given up what it took for a frame."""
+    driver = BoardDriver(session)
+    for _ in range(2):
+        if driver.is_present():
+            return True
+        driver.client.forget_frame()
+    return bool(driver.ask("E").found)
+
+
+_opened: WeakKeyDictionary[Transport, set[str]] = WeakKeyDictionary()
+
+
+def note_sent(session: Session, data: bytes) -> None:
+    """Remember of what is sent what `stop` has to end: motion, and entries."""
+    for text in texts(data):
+        is_open = text[:1] in ENTERING or danger(text, session.address, session.target.baud)
+        if is_open and is_open != "passive":
+            _opened.setdefault(session.transport, set()).add(text[:1].upper())
+
+
+def stop(session: Session) -> None:
+    """Q, if what was sent since the last one may have moved something or opened an entry; an entry
+    that Q does not end is ended before it.  Nothing else: a machine that moves is not ours."""
+    opened = _opened.pop(session.transport, set())
+    client = BoardDriver(session).client
+    for text in (*([codec.END_OF_PROGRAM] if "Z" in opened else []), *(["Q"] if opened else [])):
+        client.send(client.request(text))
+        client.listen(session.reply_timeout_s)
+
+
+# --- what to put back -----------------------------------------------------------------------------
+
+
+def remember(session: Session) -> BoardSnapshot:
+    """Read what can be read."""
+    driver = BoardDriver(session)
+    counters = driver.position()
+    flags = driver.ask(":").value
+    fields = None if flags is None else flags.fields
+    return BoardSnapshot(counters, fields[1] if fields and len(fields) > 1 else None)
+
+
+def restore(session: Session, memory: BoardSnapshot) -> tuple[str, ...]:
+    """Put back what was touched; a sentence for each thing that could not be."""
+    driver = BoardDriver(session)
+    wanted = [POWER_ON[letter] for letter in sorted(memory.touched & {*POWER_ON})]
+    if "I" in memory.touched:
+        is_absolute = driver.reading("power_on_mode") == "absolute"
+        absolute = driver.reading("abs_mode_value")
+        wanted.append(f"I{absolute if is_absolute else 1 - int(absolute)}")
+    if ";" in memory.touched and memory.feed_hold is not None:
+        wanted.append(f";{memory.feed_hold}")
+    if "L" in memory.touched:
+        wanted.append("L" + ",".join(map(str, memory.counters)))
+    failed = tuple(f"{text}: {came}" for text in wanted if (came := _refused(driver, text)))
+    memory.touched.clear()
+    return failed
+
+
+@contextmanager
+def put_back(session: Session, letters: str) -> Iterator[None]:
+    """Put back at the end what commands of these letters set in the block, whatever becomes of it:
+    a run that is passive only remembers nothing else."""
+    memory = remember(session)
+
+    def restored() -> bool:
+        memory.touched = {*letters}
+        return not restore(session, memory)
+
+    with session.restore_on_exit(str(memory), restored):
+        yield
+
+
+def restoring(letters: str) -> Callable[[CheckFunction], CheckFunction]:
+    """Have a check put back what its commands of these letters set; see `put_back`."""
+
+    def decorate(function: CheckFunction) -> CheckFunction:
+        @functools.wraps(function)
+        def kept(session: Session) -> None:
+            with put_back(session, letters):
+                function(session)
+
+        return kept
+
+    return decorate
+
+
+def _refused(driver: BoardDriver, text: str) -> str:
+    """What came instead of DONE; empty if that came."""
+    exchange = driver.ask(text)
+    return "" if exchange.says(*DONE) else str(exchange)
