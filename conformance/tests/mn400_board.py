@@ -44,6 +44,7 @@ class SmallBoard:
 
     def __init__(self, board: int = 1, **readings: str) -> None:
         self.board, self.readings = board, readings
+        self.plane = [1, 3, 2]
         self.timeout: float | None = None
         self.baudrate = 9600
         self.virtual_time_ns = 0
@@ -174,7 +175,15 @@ class SmallBoard:
         if isinstance(made, ParsedCommand) and made.letter == "A":
             centre, end = (made.value(0), made.value(1)), (made.value(2), made.value(3))
             return arc_radii_differ(centre, end, Fraction(5, 2)) or made
+        if isinstance(made, ParsedCommand) and made.letter == "P":
+            x, y, z = self._plane_after(made)
+            if self.reading("plane_z_check") == "at_plane" and z in (x, y):
+                return Refusal("the traverse motor is in the plane", "MN4-CMD-P-03")
         return made
+
+    def _plane_after(self, command: ParsedCommand) -> list[int]:
+        rows = zip(self.plane, command.values, strict=True)
+        return [was if one is None else one for was, one in rows]
 
     def _carry_out(self, command: ParsedCommand) -> None:
         letter = command.letter
@@ -183,6 +192,8 @@ class SmallBoard:
             rows = zip(self.counters, command.values, strict=True)
             is_kept = self.reading("omitted_param") == "keep"
             self.counters = [(was if is_kept else 0) if one is None else one for was, one in rows]
+        if letter == "P":
+            self.plane = self._plane_after(command)
         if letter == ";":
             self.feed_hold = command.value(0)
         if letter in "()Q":

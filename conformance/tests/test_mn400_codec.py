@@ -379,8 +379,7 @@ def test_a_departure_is_named(text: str, reply: bytes, wanted: list[tuple[str, s
 
 
 def test_what_departs_in_a_known_way_is_mended() -> None:
-    """Address, sum, command byte and null are those of a sound board; a START is put in its place,
-    a DONE behind data left out."""
+    """Address, sum, command and null become a sound board's; START and DONE are put right."""
     sloppy = codec.with_wrong_checksum(codec.status(0, "V", START, null=False))
     read = lenient(1, codec.request(1, "V5"), sloppy + codec.status(1, "V", DONE))
     assert read is not None

@@ -48,8 +48,7 @@ def test_the_sound_values_of_a_command_are_accepted(letter: str) -> None:
 
 @pytest.mark.parametrize("letter", LETTERS)
 def test_the_edges_of_a_command_lie_on_both_sides(letter: str) -> None:
-    """Something is accepted and something refused, and each refusal is of a requirement that
-    exists."""
+    """Something is accepted, something refused, each refusal by a requirement that exists."""
     made = [read_command(text, reading) for text in edges(letter)]
     refused = [one for one in made if isinstance(one, Refusal)]
     assert len(refused) < len(made)

@@ -198,6 +198,12 @@ class Transport(ABC):
             raise self._trouble("asking the time", error) from error
 
     @property
+    def is_direct(self) -> bool:
+        """True if there is a shorter way of an exchange.  Not on a bus: what it carries besides the
+        reply is heard too."""
+        return False
+
+    @property
     def uncertainty_ns(self) -> int:
         """How well the instant of something inside one exchange is known (see above)."""
         return self.round_trip.max_ns

@@ -163,11 +163,6 @@ class CanClient(AxisClient):
             return None
         return replace(self.request(index, parameter), length=how % 8), ReplyKind.SILENCE
 
-    @property
-    def is_direct(self) -> bool:
-        """False: what a bus carries besides the reply is heard too, so there is no shorter way."""
-        return False
-
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
     ) -> tuple[bytes, bytes, TimeWindow]:

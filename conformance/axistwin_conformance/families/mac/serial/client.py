@@ -226,11 +226,6 @@ class SerialClient(AxisClient):
         """True where every module on this line Nacks every wrong checksum (MACS-AMB-19)."""
         return bool(self.session.neighbours) and self.session.reading("nack_scope") == NACK_BY_ALL
 
-    @property
-    def is_direct(self) -> bool:
-        """True where a request and its reply are one call of the port."""
-        return self.target.is_direct
-
     def swift(
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
     ) -> tuple[bytes, bytes, TimeWindow]:

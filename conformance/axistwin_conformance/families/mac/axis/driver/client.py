@@ -128,12 +128,7 @@ class AxisClient(ABC):
         self, index: int, parameter: int, timeout_s: float, is_cleared: bool
     ) -> tuple[bytes, bytes, TimeWindow]:
         """What `send` does by the shortest way there is: the request, the reply, and when the
-        request was taken over.  Only where `is_direct`, and not for what may be silent."""
-
-    @property
-    @abstractmethod
-    def is_direct(self) -> bool:
-        """True where `swift` may be used: time is virtual and nothing disturbs."""
+        request was taken over.  Where `Transport.is_direct` only, not for what may be silent."""
 
     @property
     @abstractmethod

@@ -107,7 +107,7 @@ class AxisSequence(Steps):
         self.room, self.fastest = driver.limits.room(), driver.limits.fastest
         self._slack = driver.limits.allowance(PERIODS[0])
         self._timeout_s = driver.session.reply_timeout_s
-        self._is_direct = driver.client.is_direct
+        self._is_direct = self._target.is_direct
         self._cleared: set[int] = set()  # indices that the gate has let pass and nothing stores
         self._inside_until_ns = 0  # when it has to be looked again whether the axis stays inside
         self._log: list[tuple[bytes, bytes] | int] = []  # exchanges, and pauses in ns

@@ -16,17 +16,14 @@ from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.checks.messages import (
+from axistwin_conformance.families.mac.can.boot_up import (
     await_boot_up,
-    beat,
     boot_silence_limit_s,
-    is_free,
-    judge_due,
     judge_form,
     judge_time,
     restart,
-    silenced,
 )
+from axistwin_conformance.families.mac.can.checks.messages import beat, is_free, judge_due, silenced
 from axistwin_conformance.families.mac.can.collect_replies import described, replies, slack_ns
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.destructive import (

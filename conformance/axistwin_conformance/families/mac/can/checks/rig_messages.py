@@ -17,15 +17,17 @@ from axistwin_conformance.families.mac.axis.driver.rig import OFF_S, WORKED
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.checks.messages import (
-    AFTERWARDS_S,
+from axistwin_conformance.families.mac.can.boot_up import (
     await_boot_up,
-    beat,
-    is_free,
-    judge_due,
     judge_form,
     judge_time,
     restart,
+)
+from axistwin_conformance.families.mac.can.checks.messages import (
+    AFTERWARDS_S,
+    beat,
+    is_free,
+    judge_due,
     silenced,
 )
 from axistwin_conformance.families.mac.can.collect_replies import (
