@@ -300,7 +300,7 @@ def test_what_is_really_sent_is_counted() -> None:
 class ToyFence:
     """Endless motion that has to be stopped after half a second."""
 
-    strayed = broken = ""
+    runaway = broken = ""
     is_in_doubt = False
 
     def __init__(self) -> None:

@@ -262,7 +262,7 @@ def test_an_axis_seen_where_nothing_leads_is_not_moved_again(line: Line) -> None
     assert not line.refuses(0x13, 600)
     line.at(1400)
     line.at(1420)
-    assert line.travel_guard.strayed == (
+    assert line.travel_guard.runaway == (
         "after 13h, which leads to +200..+400 from where the axis was found, it was seen at +920:"
         " it is moved no more"
     )

@@ -161,7 +161,7 @@ def test_an_axis_that_goes_away_from_home_is_stopped_and_not_sent_again() -> Non
             driver.judge.accepted(0x13, start + 200)
             driver.client.wait(0.1)
             driver.client.position()
-            assert "it is moved no more" in run.strayed
+            assert "it is moved no more" in run.runaway
             place = driver.client.position()
             assert 200 < place - start < 1000, "it was stopped as soon as that was seen"
             with pytest.raises(OutsideEnvelope, match="it is moved no more"):

@@ -70,7 +70,7 @@ class CannotDo(SuiteError):  # noqa: N818 - an answer of the rig, not an error
 
 
 class AttemptVoid(SuiteError):  # noqa: N818 - a verdict on the attempt, not an error
-    """The reply to something that must not be repeated was spoilt: the attempt is void."""
+    """The reply to something that must not be repeated was corrupted: the attempt is void."""
 
 
 @contextlib.contextmanager

@@ -1,7 +1,7 @@
-"""How far a line can be trusted: what share of its exchanges noise spoils, and how long a device is
-waited for that says nothing right.
+"""How far a line can be trusted: what share of its exchanges noise corrupts, and how long a
+device is waited for that says nothing right.
 
-*Often enough* follows from the line itself: with a share p of exchanges spoilt, the same surprise
+*Often enough* follows from the line itself: with a share p of exchanges corrupted, the same result
 k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
 (`LineQuality.alike_needed`).
 
@@ -29,7 +29,7 @@ from axistwin_conformance.base.retry import RETRY
 FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
 FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
 LEAST_ALIKE = 3
-NOISY = 1e-3  # share of spoilt exchanges from which a line counts as noisy
+NOISY = 1e-3  # share of corrupted exchanges from which a line counts as noisy
 PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
 SILENCE_LIMIT_S = 5.0
 LONGEST_LIMIT_S = 60.0  # on the noisiest line
@@ -79,7 +79,7 @@ class LineQuality:
         return self._in_a_row(FALSE_LOSS)
 
     def _in_a_row(self, chance: float) -> int:
-        """How many spoilt exchanges in a row are as unlikely as that."""
+        """How many corrupted exchanges in a row are as unlikely as that."""
         return math.ceil(math.log(chance) / math.log(min(self.rate, 0.9)))
 
     def is_reproduced(self, replies: list[bytes]) -> bool:

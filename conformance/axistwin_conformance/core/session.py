@@ -135,7 +135,7 @@ class Run:
     doubted: set[bytes] = field(default_factory=set)  # requests of which an answer has failed
     memory: Any = None  # what the family's `remember` read; None in a run that is passive only
     # What a hook of the family has seen fail, and goes on without: requirement, expected, came.
-    accusations: list[tuple[str, str, str]] = field(default_factory=list)
+    violations: list[tuple[str, str, str]] = field(default_factory=list)
     cleanups: list[Cleanup] = field(default_factory=list)  # the last one is to be given back first
     readings: Readings = field(default_factory=Readings)
     detections: dict[str, Detection] = field(default_factory=dict)  # what the probes found out
@@ -153,10 +153,10 @@ class Run:
     late_s: float = 0.0  # how long a device takes to reply that was slow to say its first word
 
     @property
-    def strayed(self) -> str:
+    def runaway(self) -> str:
         """Why the axes must not be moved any more; empty: they may."""
         travel_guard = self.target.travel_guard
-        return "" if travel_guard is None else travel_guard.strayed
+        return "" if travel_guard is None else travel_guard.runaway
 
 
 class Motions:
@@ -333,7 +333,7 @@ class Session:
         return self.transport.transcript.since(self._started_at, limit)
 
     def void_attempt(self, text: str) -> NoReturn:
-        """Give the attempt up: what was spoilt must not be repeated; the check is replayed."""
+        """Give the attempt up: what was corrupted must not be repeated; the check is replayed."""
         self.transport.mark(f"given up: {text}")
         raise AttemptVoid(text)
 

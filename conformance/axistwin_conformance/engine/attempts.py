@@ -71,7 +71,7 @@ class Attempts:
             try:
                 if check.danger > 0:
                     self._guard.restore(run)
-                return self._guard.is_sane(run) and not run.strayed
+                return self._guard.is_sane(run) and not run.runaway
             except TargetError:
                 return False  # found again, and told, when the check is over
 
@@ -109,7 +109,7 @@ class Attempts:
 
     def _run(self, session: Session, check: Check) -> tuple[Outcome, str, Verdict, str]:
         """Run the check; give how it ended, what befell it, what is then said of all that it has
-        not judged, and what was spoilt on the way."""
+        not judged, and what was corrupted on the way."""
         target, disturbance = session.transport, ""
         outcome, trouble, verdict = Outcome.DONE, "", Verdict.INCONCLUSIVE
         target.gate = lambda data: self._guard.guard(session, data)

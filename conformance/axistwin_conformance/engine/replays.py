@@ -7,7 +7,7 @@
                   ├─ void: replayed; broken off at the same place again and again, it is replayed
                   │  strictly, that is with every reply handed to the check as it came
                   ├─ surprising (a fail; on a noisy line also a quirk): replayed, and believed when
-                  │  enough quiet or strict attempts agree, spoilt replies included
+                  │  enough quiet or strict attempts agree, corrupted replies included
                   └─ passed by asking again: replayed strictly, so that a device whose fault is
                      cured by asking again does not pass for a noisy line
 
@@ -15,11 +15,11 @@ Late is what this host or the line holds up (`Lateness`).  What looks wrong in a
 which anything was late, counts only beside attempts in which the very same was; and once something
 has looked wrong, what holds in such an attempt does not do either.
 
-*Often enough* follows from the line itself: with a share p of exchanges spoilt, the same surprise
+*Often enough* follows from the line itself: with a share p of exchanges corrupted, the same result
 k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
 (`LineQuality.alike_needed`), and one in ten thousand that any k of all attempts are alike.  What
 needs more replays than there are stays inconclusive, k of n.  Where all attempts fail, each in
-another way, and the line spoils nothing beside (`_is_sound`), it is the device that is wrong in
+another way, and the line corrupts nothing beside (`_is_sound`), it is the device that is wrong in
 many ways.
 """
 
@@ -48,7 +48,7 @@ PASSED_WITH_RETRIES = "passed by asking again; what went wrong went wrong here a
 class Attempt:
     """One run of a check on a line that may be noisy.
 
-    `disturbance`: what was spoilt that must not be repeated; empty if nothing.  `readings`: the
+    `disturbance`: what was corrupted that must not be repeated; empty if nothing.  `readings`: the
     readings learnt in it that are not the default.  `corrupted`: bad replies that were handed on to
     the check (strictly).  `place`: what was sent last before the first failure, and which
     time it was sent.
@@ -111,7 +111,7 @@ class Replays:
         self._attempt, self._tidy, self._quality, self._most = attempt, tidy, quality, most
         self._all: list[Attempt] = []
         self._was_sound = not quality.is_noisy
-        self._spoilt_between = 0  # exchanges between attempts
+        self._corrupted_between = 0  # exchanges between attempts
 
     def conclude(self) -> CheckResult:
         """Run, replay as often as needed, and give the result that can be believed."""
@@ -133,16 +133,16 @@ class Replays:
         return self._given_up()
 
     def _is_tidied(self) -> bool:
-        spoilt = self._quality.corrupted
+        corrupted = self._quality.corrupted
         is_there = self._tidy()
-        self._spoilt_between += self._quality.corrupted - spoilt
+        self._corrupted_between += self._quality.corrupted - corrupted
         return is_there
 
     @property
     def _is_sound(self) -> bool:
-        """True on a line that spoilt next to nothing before the check, and nothing between its
-        attempts: what is spoilt in them is the device's doing."""
-        return self._was_sound and not self._spoilt_between
+        """True on a line that corrupted next to nothing before the check, and nothing between its
+        attempts: what is corrupted in them is the device's doing."""
+        return self._was_sound and not self._corrupted_between
 
     def _is_wrong_in_many_ways(self) -> bool:
         """True if every attempt failed, none while this host or the line was late."""

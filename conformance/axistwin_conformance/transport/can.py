@@ -209,7 +209,7 @@ class CanTransport(Transport):
         started_ns = now_ns = self.now_ns
         deadline_ns = started_ns + round(seconds * 1e9)
         while (left_ns := deadline_ns - now_ns) > 0:
-            self._read(self._fenced(left_ns))
+            self._read(self._within_travel(left_ns))
             now_ns = self.now_ns
         return (now_ns - started_ns) / 1e9
 
@@ -272,7 +272,7 @@ class CanTransport(Transport):
             looked_at = len(store) if len(store) < FRAMES_KEPT else 0
             until_ns = self._until_ns(deadline_ns)
             left_ns = until_ns - self.now_ns
-            is_more = self._read(self._fenced(max(left_ns, 0)))
+            is_more = self._read(self._within_travel(max(left_ns, 0)))
             late += left_ns <= 0
             if left_ns <= 0 and (not is_more or late > LATE_FRAMES):
                 if not self.is_holding:

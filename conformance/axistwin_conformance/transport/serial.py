@@ -189,7 +189,7 @@ class SerialTransport(Transport):
             left_ns = until_ns - self.now_ns
             # What is handed on may be longer or shorter than what comes.
             wanted = 1 if self.mender is not None else count - len(self._pending)
-            arrived = self._read(wanted, self._fenced(max(left_ns, 0)))
+            arrived = self._read(wanted, self._within_travel(max(left_ns, 0)))
             # A look at a line in virtual time lets some pass: there the first one is enough.
             if not arrived and (left_ns if not self.is_virtual else until_ns - self.now_ns) <= 0:
                 if not self.is_holding:
@@ -206,7 +206,7 @@ class SerialTransport(Transport):
         started_ns = now_ns = self.now_ns
         deadline_ns = started_ns + round(seconds * 1e9)
         while (left_ns := deadline_ns - now_ns) > 0:
-            left_ns = self._fenced(left_ns)
+            left_ns = self._within_travel(left_ns)
             if self.is_virtual or left_ns > SLICE_S * 1e9:
                 self._read(1, left_ns)
             else:

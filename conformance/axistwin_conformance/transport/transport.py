@@ -39,7 +39,7 @@ SILENCE_NOTED_S = 0.05  # shorter waits in vain are not worth a line in the tran
 HELD_NS = 100_000_000  # of silence, after which nothing belongs to what has come any more
 LONGEST_NS = 500_000_000  # that the rest of what is held back may take beyond a time-out
 STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
-MOST_HUSHES = 20  # a device that never stops talking is not waited for
+MOST_PAUSES = 20  # a device that never stops talking is not waited for
 USUAL_WAY_NS = 25_000_000  # half of the shortest time for which a silence is listened to
 SLOWEST_JUDGED_NS = 200_000_000  # an exchange: the checks know how to wait for one of that length
 TWIN_PREFIX = "axistwin:"  # what opens a twin in this process, on a line or on a bus
@@ -53,11 +53,11 @@ def is_twin_url(url: str) -> bool:
 class TravelLimiter(Protocol):
     """What keeps the axes behind a carrier inside the envelope; it hears everything, either way.
 
-    `strayed`: why nothing that moves is sent any more; `broken`: the requirement that the device
+    `runaway`: why nothing that moves is sent any more; `broken`: the requirement that the device
     has failed by that; both empty at first.
     """
 
-    strayed: str
+    runaway: str
     broken: str
 
     @property
@@ -268,7 +268,7 @@ class Transport(ABC):
     def wait_until_quiet(self, seconds: float) -> None:
         """Set aside what comes until nothing has come for so long: a late reply must not be taken
         for the next one."""
-        for _ in range(MOST_HUSHES):
+        for _ in range(MOST_PAUSES):
             if not self._has_heard(seconds):
                 break
 
@@ -329,7 +329,7 @@ class Transport(ABC):
         text = f"{what} for {passed_ms:.0f} ms"
         self.transcript.note(started_ns, Direction.SILENCE, text=text)
 
-    def _fenced(self, left_ns: int) -> int:
+    def _within_travel(self, left_ns: int) -> int:
         """How long may be waited; stops endless motion that nobody has stopped in time."""
         deadline_ns = None if self.travel_guard is None else self.travel_guard.deadline_ns
         if self.travel_guard is None or deadline_ns is None:

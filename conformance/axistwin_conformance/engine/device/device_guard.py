@@ -279,7 +279,7 @@ class DeviceGuard:
             self.climbing(run, "put_back", put_back, is_blamed=run.target.is_lossless)
         finally:
             run.next_check = None
-        if run.strayed:
+        if run.runaway:
             self._keep_still(run)
 
     def _keep_still(self, run: Run) -> None:
@@ -287,13 +287,13 @@ class DeviceGuard:
         made of it, and is asked for nothing but passive any more (rule 6)."""
         guard = run.target.travel_guard
         assert guard is not None
-        if guard.strayed in self._seen_violations:
+        if guard.runaway in self._seen_violations:
             return
-        self._seen_violations.add(guard.strayed)
-        self.passive_only = guard.strayed
-        self.trouble(guard.strayed)
+        self._seen_violations.add(guard.runaway)
+        self.passive_only = guard.runaway
+        self.trouble(guard.runaway)
         (requirement,) = self.ledger.own((guard.broken,))
-        violation = Violation(requirement, "an axis that goes where it is told", guard.strayed)
+        violation = Violation(requirement, "an axis that goes where it is told", guard.runaway)
         self._record(Session(run), "travel", ACTS["travel"], violation)
 
     def run_cleanups(self, run: Run) -> None:
@@ -395,7 +395,7 @@ class DeviceGuard:
             except TargetError as error:
                 trouble = error
             finally:
-                self._judge_accusations(session, act)
+                self._judge_violations(session, act)
             if self._climbs(session, act, before):
                 continue
             if is_blamed or run.target.crash:
@@ -404,11 +404,11 @@ class DeviceGuard:
                 raise trouble
             return found
 
-    def _judge_accusations(self, session: Session, act: str) -> None:
+    def _judge_violations(self, session: Session, act: str) -> None:
         """Record what has been seen to fail beside all questions, once each."""
-        for accusation in dict.fromkeys(session.run.accusations):
-            self._accuse(session, act, ACTS[act], Violation(*accusation))
-        session.run.accusations.clear()
+        for found in dict.fromkeys(session.run.violations):
+            self._accuse(session, act, ACTS[act], Violation(*found))
+        session.run.violations.clear()
 
     def _climbs(self, session: Session, act: str, quality: LineQuality) -> bool:
         """Judge by what the replies of a session depart time after time; True if the same may be

@@ -355,7 +355,7 @@ def _readable(session: Session, held: UnitContents) -> ScratchArea:
     scratch = scratch_of(session)
     wanted = [f"ACK and what is at {at}, between others" for at in sorted(held.refused)]
     wanted += [f"ACK and the state of flag {number}" for number in sorted(held.refused_flags)]
-    session.run.accusations += [("MSC-LNK-01", one, "NAK") for one in wanted]
+    session.run.violations += [("MSC-LNK-01", one, "NAK") for one in wanted]
     of_program, its_flags = scratch.of_program
     is_broken = held.refused.intersection(of_program) or held.refused_flags.intersection(its_flags)
     unread = [place for at in held.refused for place in range(at, at + SAFE_BLOCK)]
@@ -411,7 +411,7 @@ def _flags(driver: MscDriver, numbers: list[int]) -> dict[int, bool | None]:
         on = codec.flags_on(all_told.payload)
         return {number: number in on for number in numbers}
     if numbers and driver.has_rflags:
-        driver.session.run.accusations.append(("MSC-MOD-01", "ACK and all flags", "NAK"))
+        driver.session.run.violations.append(("MSC-MOD-01", "ACK and all flags", "NAK"))
     return {number: _flag(driver, number) for number in numbers}
 
 

@@ -1,6 +1,6 @@
 """How an axis that is sent home is followed: to the end of its way, whichever that is.
 
-What ends it is what is seen: it is home, it stands still elsewhere, it has gone astray (the travel
+What ends it is what is seen: it is home, it stands still elsewhere, it has run away (the travel
 guard then lets nothing move it any more), or it takes longer than it should.
 """
 
@@ -20,7 +20,7 @@ MOST_LOOKS: Final = 1000  # in virtual time, where a way back of days is over in
 def comes_back(
     client: AxisClient, home: int, lasting_s: Callable[[int], float], deadline_ns: int
 ) -> bool:
-    """Follow an axis on its way home; False as soon as it stands still elsewhere, has gone astray,
+    """Follow an axis on its way home; False as soon as it stands still elsewhere, has run away,
     it is too late, or somebody wants it to end.  `lasting_s`: of a way of so many increments."""
     target = client.target
     last, since_ns, has_moved = None, target.now_ns, False
@@ -29,7 +29,7 @@ def comes_back(
         here = client.position()
         if here == home:
             return True
-        if client.session.run.strayed:
+        if client.session.run.runaway:
             return False
         if here != last:
             last, since_ns, has_moved = here, target.now_ns, last is not None

@@ -95,7 +95,7 @@ def climate(session: Session, measures: AxisReply) -> dict[str, str]:
         (requirement,) = run.ledger.own(("MACS-Q-27-01",))
         coldest, hottest = PLAUSIBLE_CELSIUS
         expected = f"a temperature from {coldest:.0f} to {hottest:.0f} °C"
-        session.run.accusations.append((requirement, expected, told))
+        session.run.violations.append((requirement, expected, told))
     return {"temperature": f"{celsius:.1f} °C", "supply": f"{volts:.1f} V"}
 
 
@@ -360,7 +360,7 @@ def _drive_back(driver: AxisDriver, position: int) -> None:
     distance = abs(driver.client.position() - position)
     driver.motion.set_plain(distance=distance)
     is_too_far = distance > 2 * driver.session.envelope.max_travel
-    if is_too_far or driver.session.run.strayed or interrupts.is_hurried():
+    if is_too_far or driver.session.run.runaway or interrupts.is_hurried():
         return
     attempts, lasts_s = _attempts(driver.session), driver.motion.lasting_s(distance)
     if lasts_s >= ANNOUNCED_S and not driver.client.target.is_virtual:
@@ -378,5 +378,5 @@ def _drive_back(driver: AxisDriver, position: int) -> None:
         is_back = comes_back(driver.client, position, driver.motion.lasting_s, deadline_ns)
         driver.client.command(0x18)
         is_over = driver.client.target.now_ns >= deadline_ns or interrupts.is_hurried()
-        if is_back or is_over or driver.session.run.strayed:
+        if is_back or is_over or driver.session.run.runaway:
             return

@@ -19,8 +19,8 @@ that is used up.  A reference contact may open again and again: a move it can pr
 like endless motion until its target is seen.
 
 What is sent rests on what the device is believed to do.  A counter reading of a place where the
-axis cannot be (`_is_astray`) shows that it does something else; a second one in a row is no noise,
-and from then on nothing that moves is sent any more (`strayed`), so that it strays by one motion
+axis cannot be (`_is_runaway`) shows that it does something else; a second one in a row is no noise,
+and from then on nothing that moves is sent any more (`runaway`), so that it strays by one motion
 and not by their sum.  A shaft that the rig may have turned is taken to be where it is seen next.
 
 18h is never held back.  Any other request may be (`OutsideEnvelope`, which names what it would
@@ -125,7 +125,7 @@ class AxisTravelGuard:
         self.max_travel, self.max_speed, self.own = max_travel, max_speed, own
         self.readings = readings
         self.axes: dict[int, Axis] = {}
-        self.strayed = ""  # why nothing that moves is sent any more
+        self.runaway = ""  # why nothing that moves is sent any more
         self.broken = ""  # the requirement it fails by that
         self.written: dict[int, dict[int, int]] = {}  # parameters, last value of each, by address
         self.run_on = 0  # how many increments more 18h and stops may take, while that is asked
@@ -140,7 +140,7 @@ class AxisTravelGuard:
     def is_in_doubt(self) -> bool:
         """True if an axis was last seen where it cannot be: the next reading tells whether that was
         noise."""
-        return bool(self._doubtful) and not self.strayed
+        return bool(self._doubtful) and not self.runaway
 
     @property
     def _run_on(self) -> int:
@@ -186,8 +186,8 @@ class AxisTravelGuard:
 
     def _account(self, axes: dict[int, Axis], asked: SentRequest, now_ns: int) -> None:
         address, index, parameter, frame = asked.address, asked.index, asked.parameter, asked.raw
-        if index in MOVING and (self.strayed or self._doubtful):
-            raise OutsideEnvelope(self.strayed or "an axis was last seen where it cannot be")
+        if index in MOVING and (self.runaway or self._doubtful):
+            raise OutsideEnvelope(self.runaway or "an axis was last seen where it cannot be")
         if index in MOTIONS and address is not None and address not in axes:
             self._refuse(
                 frame, f"nobody knows where the axis at {address:02X}h is", "--neighbour", address
@@ -469,7 +469,7 @@ class AxisTravelGuard:
             counter = signed(data)
             if axis is None:
                 self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._last_ns)
-            elif not self._is_astray(address, axis, counter, now_ns):
+            elif not self._is_runaway(address, axis, counter, now_ns):
                 self.axes[address] = self._located(axis, counter, now_ns)
         elif axis is not None and index == PERIOD.query:
             period = PERIOD.read(data)
@@ -493,7 +493,7 @@ class AxisTravelGuard:
         """True if it was seen so, and nothing that could move it has happened since."""
         return address in self.axes and self.axes[address].is_still
 
-    def _is_astray(self, address: int, axis: Axis, counter: int, now_ns: int) -> bool:
+    def _is_runaway(self, address: int, axis: Axis, counter: int, now_ns: int) -> bool:
         """True if the axis is seen where nothing it was asked for leads, by more than it may run on
         or swing; told for good when the next reading says the same."""
         axis = self._origin_seen(axis, counter, now_ns).grown(now_ns)
@@ -502,9 +502,9 @@ class AxisTravelGuard:
         if axis.is_worked or (lowest - slack <= high and low <= highest + slack):
             self._doubtful.discard(address)
             return False
-        if address in self._doubtful and not self.strayed:
+        if address in self._doubtful and not self.runaway:
             self.broken = f"MACS-CMD-{axis.begun_by:02X}-01"
-            self.strayed = (
+            self.runaway = (
                 f"after {axis.begun_by:02X}h, which leads to {lowest:+}..{highest:+} from where the"
                 f" axis was found, it was seen at {low:+}: it is moved no more"
             )

@@ -172,7 +172,7 @@ def parameter_bytes(index: int, parameter: int, byte_order: str = "big") -> byte
 
 @dataclass(frozen=True, slots=True)
 class CanRequest:
-    """A transfer asked for, field by field, so that any field can be spoilt.
+    """A transfer asked for, field by field, so that any field can be corrupted.
 
     `length`: of the frame, 0..8; below 8 what stands behind is cut off.  `address` 0: to all.
     """

@@ -122,7 +122,7 @@ class SerialClient(AxisClient):
         since = self.target.transcript.since(run.replied_at)
         if not any(record.direction is Direction.HOST for record in since):
             came = surplus.hex(" ").upper()
-            run.accusations.append(("MACS-REPLY-12", "nothing until it is asked", came))
+            run.violations.append(("MACS-REPLY-12", "nothing until it is asked", came))
 
     def _note_whole(self, data: bytes, reply: SerialReply) -> None:
         """Take note that this module, and none beside it, has said all that it was asked for."""

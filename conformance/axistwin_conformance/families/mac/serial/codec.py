@@ -68,7 +68,7 @@ def eight_digits(value: int) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class SerialRequest:
-    """One frame of the host, field by field as raw characters, so that any field can be spoilt.
+    """One frame of the host, field by field as raw characters, so that any field can be corrupted.
 
     ``check`` of None stands for the right checksum of the other fields.
     """

@@ -272,16 +272,16 @@ class AxisClient(ABC):
 
     def sample(self) -> Sample:
         """Read the counter, with the window in which it was read.  Fails the check in which the
-        axis is seen to have gone astray, once it is stopped."""
-        travel_guard, was_astray = self.target.travel_guard, self.session.run.strayed
+        axis is seen to have run away, once it is stopped."""
+        travel_guard, was_runaway = self.target.travel_guard, self.session.run.runaway
         exchange = self.ask(0x20)
         if travel_guard is not None and travel_guard.is_in_doubt:
             exchange = self.ask(0x20)
-        strayed = self.session.run.strayed
-        if strayed and not was_astray:
+        runaway = self.session.run.runaway
+        if runaway and not was_runaway:
             self.command(0x18)
             if self.session.check is not None:
-                self.session.fail(None, "an axis that goes where it is told", strayed)
+                self.session.fail(None, "an axis that goes where it is told", runaway)
         if exchange.reply.data is None:
             self.session.fail(None, f"an answer to {self.named(0x20)}", exchange.reply)
         return Sample(signed(exchange.reply.data), exchange.taken)
