@@ -34,7 +34,8 @@ def run(*command: str, cwd: Path, given: str = "") -> subprocess.CompletedProces
 def test_a_fifth_family_is_listed_after_the_others(tmp_path: Path) -> None:
     """With its quirks; without the folder it is not there."""
     listed = run("-m", "axistwin", "models", cwd=tmp_path)
-    names = [line.split()[0] for line in listed.stdout.splitlines()[1:]]
+    rows = listed.stdout.splitlines()[1:]
+    names = [row.split()[0] for row in rows if not row.startswith(" ")]  # others are continued
     assert names == [*discovery.models(), "toy"]
     detailed = run("-m", "axistwin", "models", "toy", "all", cwd=tmp_path)
     assert "acknowledge = K    [TOY-AMB-01]" in detailed.stdout

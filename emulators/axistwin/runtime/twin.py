@@ -73,11 +73,11 @@ class Twin:
 
     def _no_such(self, name: str) -> str:
         known = [each for each in dir(self) if not each.startswith("_")]
+        tables = [model.family.controls() for model in discovery.models().values()]
+        nouns = dict.fromkeys(table.noun for table in tables if name in table.attributes())
         remedy = nearest(name, known)
-        for model in discovery.models().values():
-            table = model.family.controls()
-            if name in table.attributes():
-                remedy = f"that is for a {table.noun}; known: {', '.join(known)}"
+        if nouns:
+            remedy = f"that is for a {' or a '.join(nouns)}; known: {', '.join(known)}"
         return f"{self.name} is a {self._table.noun} and has no {name}: {remedy}"
 
     def _read_only(self, name: str) -> str:
