@@ -235,8 +235,13 @@ def _fitting(failures: Sequence[Sequence[str]], most: int) -> list[str]:
         block = ["", f"{name}:"]
         for number, sentence in enumerate(told):
             more = _wrapped(sentence)
-            if len(block) + len(more) + len(end) + 1 > most:
-                block.append(f"  and {len(told) - number} more")
+            room = most - len(block) - len(end) - 1
+            if len(more) > room:
+                if not number and room > 0:  # the first is told as far as there is room
+                    block += [*more[: room - 1], f"{more[room - 1][: WIDTH - 2]} …"]
+                    number = 1
+                if number < len(told):
+                    block.append(f"  and {len(told) - number} more")
                 break
             block += more
         lines += [*block, *end]

@@ -50,6 +50,17 @@ def test_many_failures_of_many_twins_stay_within_forty_lines(wrong_run: Any) -> 
     assert sum(line.startswith("  and ") and line.endswith(" more") for line in lines) == 4
 
 
+def test_the_first_failure_is_told_however_long_it_is(wrong_run: Any) -> None:
+    """As far as there is room."""
+    report = fold(wrong_run)
+    [check] = [one for one in report["checks"] if one["name"] == "_wrong"]
+    first = check["findings"][0]
+    check["findings"] = [first | {"sentence": "It went on. " * 200}]
+    lines = verdicts((("conform", "toy"), report), (("conform", "other"), report))
+    assert sum("_wrong: It went on." in line for line in lines) == 2
+    assert sum(line.endswith(" …") for line in lines) == 2
+
+
 def test_a_twin_without_a_report_is_told_with_its_last_words() -> None:
     """It may have crashed."""
     lines = verdicts((("conform", "toy"), "first\nsecond\nthird\nlast"))
