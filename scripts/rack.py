@@ -25,7 +25,7 @@ from typing import Any
 
 WIDTH, MOST_LINES = 80, 40
 LINES_AROUND = 13  # of those: what is printed before the verdicts, and behind them
-ALONE = "until the table is printed, leave the ports alone: another client spoils the verdicts"
+ALONE = "leave the ports alone until the table is printed: another client spoils it"
 LEGEND = (  # below the table
     "judged: requirements with a verdict, of those chosen; the others need --level full"
     " or more of --allow.  open: inconclusive."
