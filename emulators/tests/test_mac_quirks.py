@@ -16,23 +16,8 @@ def test_each_value_of_each_quirk_shows_on_the_wire(name: str, value: str) -> No
 
 
 def test_every_quirk_has_a_case_with_all_its_values() -> None:
-    """Numbers and texts: at least the default and another one."""
-    assert CASES.keys() == QUIRKS.keys()
-    for name, quirk in QUIRKS.items():
-        values = CASES[name][1].keys()
-        assert quirk.default in values, name
-        if quirk.kind in ("choice", "bool"):
-            assert set(quirk.allowed) == set(values), name
-        else:
-            assert len(values) >= 2, name
-
-
-def test_the_first_case_value_is_the_default() -> None:
-    """Values stand in the order of the readings, default first."""
-    for name, quirk in QUIRKS.items():
-        assert next(iter(CASES[name][1])) == quirk.default, name
-        assert quirk.source.startswith("MACS-"), name
-        assert quirk.doc, name
+    """Numbers and texts: at least the default and another one; default first."""
+    CASES.check_complete(QUIRKS, "MACS-")
 
 
 def test_defaults_parse_to_the_default_settings() -> None:

@@ -65,10 +65,9 @@ def statements(check: Mapping[str, Any]) -> list[Statement]:
     return sorted(found.values(), key=lambda one: SHOWN.index(one.verdict))
 
 
-def manual(requirements: Iterable[Mapping[str, Any]], names: Sequence[str]) -> list[str]:
+def manual(requirements: Iterable[Mapping[str, Any]]) -> list[str]:
     """What the manual asks, and where, of requirements as they were judged."""
-    asked = {one["id"]: one for one in requirements}
-    return [f"{name}: {asked[name]['text']}{source(asked[name])}" for name in names]
+    return [f"{one['id']}: {one['text']}{source(one)}" for one in requirements]
 
 
 def source(requirement: Mapping[str, Any]) -> str:

@@ -228,21 +228,22 @@ def _seen(statement: Statement, asked: Sequence[Mapping[str, Any]], is_cut: bool
 
 def _articles(report: Report, checks: Sequence[CheckArticle]) -> list[Article]:
     """What is known of each requirement."""
-    articles = []
-    for judged in report["requirements"]:
-        key = judged["id"]
-        article = Article(key, slug(judged["verdict"]), judged, _coverage(judged), _armed(judged))
-        for one in checks:
-            if any(key in seen.statement.requirements for seen in one.seen):
-                article.told.append(one)
-        for check in report["checks"]:
-            article.said.extend(
-                (check["name"], finding["verdict"], finding["text"])
-                for finding in check["findings"]
-                if finding["requirement"] == key and finding["verdict"] not in SHOWN
-            )
-        articles.append(article)
-    return articles
+    articles = {
+        judged["id"]: Article(
+            judged["id"], slug(judged["verdict"]), judged, _coverage(judged), _armed(judged)
+        )
+        for judged in report["requirements"]
+    }
+    for article in checks:
+        named = {name for seen in article.seen for name in seen.statement.requirements}
+        for name in named & articles.keys():
+            articles[name].told.append(article)
+    for check in report["checks"]:
+        for finding in check["findings"]:
+            if finding["requirement"] in articles and finding["verdict"] not in SHOWN:
+                remark = (check["name"], finding["verdict"], finding["text"])
+                articles[finding["requirement"]].said.append(remark)
+    return list(articles.values())
 
 
 def _profile_article(report: Report) -> list[Article]:

@@ -129,14 +129,14 @@ def _seconds(report: Report, key: str) -> float:
 def _evidence(judged: Mapping[str, Any], report: Report) -> str:
     """What was seen, what the manual asks, the exchange, and the command that does it again."""
     lines = []
+    known = {one["id"]: one for one in report["requirements"]}
     for check in report["checks"]:
         for one in statements(check):
             if judged["id"] not in one.requirements or one.verdict != judged["verdict"]:
                 continue
             lines.append(one.sentence)
-            lines += [
-                f"manual: {text}" for text in manual(report["requirements"], one.requirements)
-            ]
+            requirements = [known[name] for name in one.requirements]
+            lines += [f"manual: {text}" for text in manual(requirements)]
             lines += [f"remark: {one.remark}"] if one.remark else []
             lines += [f"check: {check['name']}", f"replay: {check['replay']}"]
             lines += [*transcript_lines(one.transcript), ""]

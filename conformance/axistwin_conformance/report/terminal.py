@@ -394,8 +394,9 @@ class TerminalReport:
                 self._print(one.sentence, label="   ")
             if one.remark:
                 self._print(one.remark, "dim", label="   remark      ")
-            asked = [plain(known) for known in self._ledger.requirements.values()]
-            for number, text in enumerate(manual(asked, one.requirements)):
+            known = self._ledger.requirements
+            requirements = [plain(known[name]) for name in one.requirements]
+            for number, text in enumerate(manual(requirements)):
                 self._print(text, label=" " * 15 if number else "   manual      ")
         # One sequence usually breaks several requirements: it is printed once, with the last.
         if shown and shown[-1].transcript:

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from axistwin.devices.switches import Quirk
+
 Bench = TypeVar("Bench")
 Scenario = Callable[[Bench], object]
 
@@ -25,3 +27,17 @@ class Cases(dict[str, tuple[Scenario[Bench], dict[str, object], dict[str, Any]]]
     def played(self) -> list[tuple[str, str]]:
         """Every quirk with every value, for ``parametrize``."""
         return [(name, value) for name, (_, seen, _) in self.items() for value in seen]
+
+    def check_complete(self, quirks: Mapping[str, Quirk], ambiguities: str) -> None:
+        """Every quirk has a case with all its values, default first; numbers and texts have two at
+        least.  ``ambiguities``: how the IDs of their sources begin."""
+        assert self.keys() == quirks.keys()
+        for name, quirk in quirks.items():
+            values = list(self[name][1])
+            assert values[0] == quirk.default, name
+            if quirk.kind in ("choice", "bool"):
+                assert list(quirk.allowed) == values, name
+            else:
+                assert len(values) >= 2, name
+            assert quirk.source.startswith(ambiguities), name
+            assert quirk.doc, name
