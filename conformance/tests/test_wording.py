@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.core.wording import Observation, sentence, telling
+from axistwin_conformance.core.wording import Observation, telling
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.words import answer_words, request_words
 from axistwin_conformance.families.mac.can import codec as can_codec
@@ -15,6 +17,11 @@ from axistwin_conformance.families.mac.serial import codec
 MS = 1_000_000
 
 in_words = find_family("mac23").in_words
+
+
+def sentence(*given: Any, **named: Any) -> str:
+    """What a failure says."""
+    return telling(*given, **named).sentence
 
 
 def host(time_ms: int, index: int, parameter: int = 0, address: int = 0) -> Record:

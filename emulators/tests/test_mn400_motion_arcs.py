@@ -84,6 +84,18 @@ def test_a_clockwise_half_circle_goes_below() -> None:
     assert other.position_at(end(other) // 2) == (-1000, 0, 1000, 0)
 
 
+def check_steps(motion: VectorMotion, center: Point, destination: Point) -> None:
+    """End exact, 1.5 steps from the circle, one step per axis and tick (MN4-ARC-03, -04)."""
+    radius = hypot(*center)
+    slack = 1.5 + abs(hypot(destination[0] - center[0], destination[1] - center[1]) - radius)
+    before = (0, 0)
+    for point in points(motion):
+        assert abs(hypot(point[0] - center[0], point[1] - center[1]) - radius) <= slack
+        assert max(abs(point[0] - before[0]), abs(point[1] - before[1])) <= 1
+        before = point
+    assert before == destination
+
+
 @pytest.mark.strength
 @given(arcs(), st.sampled_from(["dominant_tick", "tangential"]))
 @settings(max_examples=100, deadline=None, derandomize=True)
@@ -95,14 +107,7 @@ def test_an_arc_ends_exactly_and_stays_by_its_circle(
     motion = arc(0, MoveSettings(rules(arc_rate=rate)), PLANE, *given)
     assert motion.total == (destination[0], 0, destination[1], 0)
     assert motion.position_at(end(motion)) == motion.total
-    radius = hypot(*center)
-    slack = 1.5 + abs(hypot(destination[0] - center[0], destination[1] - center[1]) - radius)
-    before = (0, 0)
-    for point in points(motion):
-        assert abs(hypot(point[0] - center[0], point[1] - center[1]) - radius) <= slack
-        assert max(abs(point[0] - before[0]), abs(point[1] - before[1])) <= 1
-        before = point
-    assert before == destination
+    check_steps(motion, center, destination)
 
 
 @st.composite
@@ -126,14 +131,7 @@ def test_any_accepted_destination_is_reached(given: tuple[Point, Point, bool]) -
     """Also where rounding is all there is of a circle, end and tolerance are kept."""
     center, destination, _ = given
     motion = arc(0, MoveSettings(), PLANE, *given)
-    radius = hypot(*center)
-    slack = 1.5 + abs(hypot(destination[0] - center[0], destination[1] - center[1]) - radius)
-    before = (0, 0)
-    for point in points(motion):
-        assert abs(hypot(point[0] - center[0], point[1] - center[1]) - radius) <= slack
-        assert max(abs(point[0] - before[0]), abs(point[1] - before[1])) <= 1
-        before = point
-    assert before == destination
+    check_steps(motion, center, destination)
 
 
 @pytest.mark.strength

@@ -150,18 +150,6 @@ def telling(
     return Telling(text[0].upper() + text[1:], decisive, *_by_hand(acts, judged, records))
 
 
-def sentence(
-    records: Sequence[Record],
-    describe: Describe,
-    expected: Sequence[str],
-    actual: object,
-    remark: str = "",
-    glossary: Mapping[str, str] = NOTHING,
-) -> str:
-    """The sentence of `telling`."""
-    return telling(records, describe, expected, actual, remark, glossary).sentence
-
-
 def _clause(clause: str, judged: _Act | None, records: Sequence[Record]) -> str:
     waited = ""
     if judged is not None:
