@@ -30,6 +30,16 @@ class Refused(Trace):
 
 
 @dataclass(frozen=True, slots=True)
+class ReportReady(Trace):
+    """The device has an IN report on USB for its host; ``content`` is without the padding."""
+
+    content: bytes
+
+    def __str__(self) -> str:
+        return f"USB: report {self.content.hex(' ').upper()}"
+
+
+@dataclass(frozen=True, slots=True)
 class ProgramStarted(Trace):
     """The user's program runs from its beginning."""
 
