@@ -357,8 +357,8 @@ def _repairs(driver: AxisDriver, now: AxisSnapshot, memory: AxisSnapshot) -> lis
 
 def _drive_back(driver: AxisDriver, position: int) -> None:
     """Go back at the speed and with the ramp of the checks; give up after twice the time, or as
-    soon as nobody wants to wait for it: told as not put back.  Raises OutsideEnvelope if nothing may
-    move the axis any more."""
+    soon as nobody wants to wait for it: told as not put back.  Raises OutsideEnvelope if nothing
+    may move the axis any more."""
     distance = abs(driver.client.position() - position)
     driver.motion.set_plain(distance=distance)
     is_too_far = distance > 2 * driver.session.envelope.max_travel
