@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from usb_board import NODE, UsbBoard, judged
+from usb_board import LEDGER, NODE, UsbBoard, judged
 
 from axistwin import hid
 from axistwin_conformance.base.errors import TargetError, UsageError
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform
+from axistwin_conformance.core.session import Envelope, Run, Session
+from axistwin_conformance.engine.device import keeping
 from axistwin_conformance.engine.plan import ELSEWHERE
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.families.mn400.board_family import MODEL
+from axistwin_conformance.families.mn400.codec import ReturnCode
 from axistwin_conformance.families.mn400.usb.driver import report_words
 from axistwin_conformance.transport.hid import (
     HidIdentity,
@@ -182,6 +186,47 @@ def test_a_board_that_is_none_and_one_that_is_silent_are_told() -> None:
         board.spoil = spoil
         result = judged(board)
         assert (result.exit_status, of_verdict(result, Verdict.PASS)) == (3, set())
+
+
+def test_nothing_is_sent_to_a_device_of_somebody_else() -> None:
+    """A keyboard at that node is told, and gets no report."""
+    board = UsbBoard()
+    board.enumerated = HidIdentity(0x046D, 0xC31C, 8, 1)
+    result = judged(board)
+    assert (result.exit_status, board.received) == (3, [])
+    assert result.refusal.startswith("not an MN400: it enumerates as 046Dh:C31Ch, reports of 8")
+
+
+def test_what_a_board_held_is_put_back_over_usb(tmp_path: Path) -> None:
+    """The file says behind which option its path stands; one of an older version does not."""
+    options = judged(UsbBoard()).options
+    kept = keeping.load(keeping.keep(replace(options, report=str(tmp_path)), {}), "mn400")
+    assert (kept.option, kept.endpoint) == ("--hid", NODE)
+    path = tmp_path / "old.json"
+    path.write_text(
+        '{"format": 1, "model": "mn400", "port": "/dev/ttyS1", "address": 1, "rate": 9600,'
+        ' "held": {}}'
+    )
+    assert keeping.load(path, "mn400").option == ""
+
+
+def test_counters_are_put_back_and_what_could_not_be_is_told() -> None:
+    """As they were when they were remembered, also by way of a file."""
+    board, family = UsbBoard(), MODEL.over[HID]
+    session = Session(
+        Run(
+            target=HidTransport(board, NODE), family=family, model=family.models["mn400"],
+            ledger=LEDGER, address=1, neighbours=(), allowed=frozenset({"passive"}),
+            envelope=Envelope(0, 0), seed=0,
+        )
+    )  # fmt: skip
+    memory = family.memory_of(family.kept(family.remember(session)))
+    board.counters = [9, 9, 9, 9]
+    assert family.restore(session, memory) == ()
+    assert board.counters == [5, -6, 7, 8]
+    board.counters = [0, 0, 0, 0]
+    board.done = lambda letter: board.tell(letter, ReturnCode.BUSY)  # type: ignore[method-assign]
+    assert family.restore(session, memory) == ("the counters: L BUSY",)
 
 
 def test_nothing_but_what_is_passive_is_sent_without_leave() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import serial
 
-from axistwin import hid
+from axistwin import hid, testing
 from axistwin.devices.mn400.link.packets import packet
 
 VIRTUAL = b"axistwin://mn400?time=virtual"
@@ -135,6 +135,26 @@ def test_line_and_usb_lead_to_the_same_board() -> None:
     board.close()
     board.open(serial_number=port.twins[0].name)
     assert ask(board, b"E") == b"E5,6,7,8"
+
+
+def test_a_board_of_the_fixture_is_found() -> None:
+    """In virtual time, where it is in this process."""
+    with testing.start("mn400:78", time="virtual") as twin:
+        board = hid.device()
+        board.open(0x0461, 0x0020, "mn400:78")
+        board.write(b"\0L4,3,2,1")
+        assert twin.counters == [4, 3, 2, 1]
+        assert ask(board, b"X3") == b"X\x0e"
+        assert ask(board, b"S") == b"S0"
+        told = [row.partition(" ms ")[2] for row in twin.transcript.splitlines()]
+        board.close()
+    assert [row for row in told if "USB" in row] == [
+        "* test: USB > L4,3,2,1",
+        "* test: USB > X3",
+        "* mn400:78: USB < 58 0E",
+        "* test: USB > S",
+        "* mn400:78: USB < S0",
+    ]
 
 
 def test_a_board_without_power_is_silent_and_nothing_old_is_read() -> None:

@@ -3,6 +3,7 @@
 import os
 import socket
 import struct
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -110,6 +111,22 @@ def test_who_opens_and_closes_the_node_is_told_and_the_kernel_answered() -> None
         assert eventually(lambda: len(events) == 2)
     place = {"endpoint": "hid", "url": "/dev/hidraw7"}
     assert events == [{"event": "connected", **place}, {"event": "disconnected", **place}]
+
+
+def test_a_kernel_that_gives_the_device_up_ends_the_run_with_one_line() -> None:
+    """The reports have nowhere to go."""
+    port = SocketPort()
+    specs = [catalog.parse_device("mn400")]
+    with catalog.build_line(specs) as line:
+        server = Server(line, [port])
+        server.start()
+        port.tell(b"E")
+        port.kernel.close()
+        assert eventually(
+            lambda: not any(each.name == "axistwin" for each in threading.enumerate())
+        )
+        with pytest.raises(PortError, match=r"hid /dev/hidraw7: the kernel takes no reports"):
+            server.stop()
 
 
 def test_what_is_missing_is_told_in_one_line(

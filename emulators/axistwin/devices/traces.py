@@ -36,7 +36,14 @@ class ReportReady(Trace):
     content: bytes
 
     def __str__(self) -> str:
-        return f"USB: report {self.content.hex(' ').upper()}"
+        return f"USB < {report_text(self.content)}"
+
+
+def report_text(content: bytes) -> str:
+    """What a report holds, as far as it is text, else in hex; without the nulls at its end."""
+    told = content.rstrip(b"\0")
+    is_text = told.isascii() and told.decode("latin-1").isprintable()
+    return told.decode("ascii") if is_text else told.hex(" ").upper()
 
 
 @dataclass(frozen=True, slots=True)

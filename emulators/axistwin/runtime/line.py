@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import cast
 
 from axistwin.devices.base import UsbDevice
+from axistwin.devices.traces import report_text
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
@@ -278,6 +279,7 @@ class UsbCable:
 
     def send(self, report: bytes) -> None:
         """Let the device take an OUT report, without a report number, now."""
+        self._line.note(f"USB > {report_text(report)}")
         self._line.act(self._index, lambda now: self._device.receive_report(now, report))
 
     @property

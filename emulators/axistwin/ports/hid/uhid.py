@@ -114,7 +114,17 @@ class UhidPort:
     def _hand_over(self) -> None:
         """Give the kernel what the device has for its host."""
         while self._cable is not None and (report := self._cable.receive()) is not None:
-            os.write(self._fd, uhid_events.input_report(report))
+            self._tell_kernel(uhid_events.input_report(report))
+
+    def _tell_kernel(self, event: bytes) -> None:
+        """Raises PortError if the kernel has given up the device."""
+        try:
+            os.write(self._fd, event)
+        except OSError as error:
+            raise PortError(
+                f"hid {self.url}: the kernel takes no reports any more ({error.strerror}); "
+                "start again"
+            ) from None
 
     def _take_events(self) -> None:
         """Do what the kernel asks for, event by event."""
@@ -133,7 +143,7 @@ class UhidPort:
             self._server.look_again()
         reply = uhid_events.answer(event)
         if reply is not None:
-            os.write(self._fd, reply)
+            self._tell_kernel(reply)
         told = {EventType.OPEN: "connected", EventType.CLOSE: "disconnected"}.get(event.type)
         if told is not None:
             self._server.report({"event": told, "endpoint": self.kind, "url": self.url})

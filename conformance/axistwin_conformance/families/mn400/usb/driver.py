@@ -19,7 +19,7 @@ from axistwin_conformance.families.mn400.codec import CODES, NUMBER, ReturnCode
 from axistwin_conformance.families.mn400.words import command_words
 from axistwin_conformance.transport.hid import HidTransport
 
-REPORT_BYTES: Final = 64  # MN4-USB-01
+VENDOR, PRODUCT, REPORT_BYTES = 0x0461, 0x0020, 64  # MN4-USB-01
 PARSED_BYTES: Final = 48  # MN4-USB-02
 AXES: Final = 4
 MEASURE_S: Final[Mapping[str, float]] = {"E1": 0.1, "E2": 1.0}  # MN4-MEA-01

@@ -18,7 +18,13 @@ from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.codec import ReturnCode
 from axistwin_conformance.families.mn400.safety import danger
-from axistwin_conformance.families.mn400.usb.driver import UsbDriver, report_words, text_in
+from axistwin_conformance.families.mn400.usb.driver import (
+    PRODUCT,
+    VENDOR,
+    UsbDriver,
+    report_words,
+    text_in,
+)
 from axistwin_conformance.families.mn400.words import command_words
 from axistwin_conformance.transport.hid import HidTransport, open_hid
 from axistwin_conformance.transport.kinds import HID
@@ -65,16 +71,20 @@ class Mn400Usb(Family):
         return UsbDriver(session)
 
     def identify(self, session: Session) -> Identity:
-        """Poll the board and ask for its firmware."""
+        """Poll the board and ask for its firmware; nothing is sent to what has neither its vendor's
+        nor its own number."""
         driver = UsbDriver(session)
+        found = driver.transport.identity
+        if found.vendor != VENDOR and found.product != PRODUCT:
+            raise WrongDevice(f"not an MN400: it enumerates as {found}")
         reply = driver.ask("*")
         if reply.code != ReturnCode.PRESENT:
             raise TargetError(f"no MN400 answers so to a poll on USB: {reply}")
         firmware = driver.ask("?").value_of("?")
         if firmware is not None and not firmware.startswith("MN"):
             raise WrongDevice(f"not an MN400: it says it is {firmware!r}")
-        told, enumerates = firmware or "unknown", str(driver.transport.identity)
-        return Identity(f"{told}, {enumerates}", {"firmware": told, "usb": enumerates})
+        told = firmware or "unknown"
+        return Identity(f"{told}, {found}", {"firmware": told, "usb": str(found)})
 
     def is_alive(self, session: Session) -> bool:
         """A poll that is answered."""

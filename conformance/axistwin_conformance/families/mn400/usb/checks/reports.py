@@ -10,9 +10,14 @@ from typing import Final
 from axistwin_conformance.base.check import CheckFunction, check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.codec import CODES, REVISION, ReturnCode
-from axistwin_conformance.families.mn400.usb.driver import PARSED_BYTES, REPORT_BYTES, UsbDriver
+from axistwin_conformance.families.mn400.usb.driver import (
+    PARSED_BYTES,
+    PRODUCT,
+    REPORT_BYTES,
+    VENDOR,
+    UsbDriver,
+)
 
-VENDOR, PRODUCT = 0x0461, 0x0020
 READS: Final = ("E", "N", "S", "/", "?", "[", ":")
 ORDERS: Final = ("L9,-8,7,-6", "V2000", "X1", "H0", "Q", "|", "M", "L1,2,3,4")
 REFUSED: Final = ("X3", "X", "V1", "L1,2,3,4,5", "Lx", "H2")
