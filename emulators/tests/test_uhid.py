@@ -3,7 +3,6 @@
 import os
 import socket
 import struct
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -122,10 +121,12 @@ def test_a_kernel_that_gives_the_device_up_ends_the_run_with_one_line() -> None:
         server.start()
         port.tell(b"E")
         port.kernel.close()
-        assert eventually(
-            lambda: not any(each.name == "axistwin" for each in threading.enumerate())
-        )
-        with pytest.raises(PortError, match=r"hid /dev/hidraw7: the kernel takes no reports"):
+        thread = server._thread
+        assert thread is not None
+        thread.join(TIMEOUT_S)
+        with pytest.raises(
+            PortError, match=r"hid /dev/hidraw7: the kernel has given the device up"
+        ):
             server.stop()
 
 

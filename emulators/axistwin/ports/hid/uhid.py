@@ -121,18 +121,25 @@ class UhidPort:
         try:
             os.write(self._fd, event)
         except OSError as error:
-            raise PortError(
-                f"hid {self.url}: the kernel takes no reports any more ({error.strerror}); "
-                "start again"
-            ) from None
+            raise self._given_up(error) from None
+
+    def _given_up(self, error: OSError) -> PortError:
+        return PortError(
+            f"hid {self.url}: the kernel has given the device up ({error.strerror}); start again"
+        )
 
     def _take_events(self) -> None:
         """Do what the kernel asks for, event by event."""
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                event = uhid_events.parse(os.read(self._fd, uhid_events.EVENT_BYTES))
-                if event is not None:
-                    self._take(event)
+        while True:
+            try:
+                data = os.read(self._fd, uhid_events.EVENT_BYTES)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                raise self._given_up(error) from None
+            event = uhid_events.parse(data)
+            if event is not None:
+                self._take(event)
 
     def _take(self, event: KernelEvent) -> None:
         assert self._server is not None
