@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,12 @@ from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.device import keeping
-from axistwin_conformance.engine.plan import ELSEWHERE
+from axistwin_conformance.engine.judgement import ELSEWHERE, NOT_COVERED
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.families.mn400.board_family import MODEL
 from axistwin_conformance.families.mn400.codec import ReturnCode
 from axistwin_conformance.families.mn400.usb.driver import report_words
+from axistwin_conformance.report.folder import ReportFolder
 from axistwin_conformance.transport.hid import (
     HidIdentity,
     HidTransport,
@@ -239,15 +241,21 @@ def test_nothing_but_what_is_passive_is_sent_without_leave() -> None:
             assert text[:1] not in (*map(bytes, zip(b"A+TUC}Z.=~", strict=True)),)
 
 
-def test_checks_of_the_line_are_left_out_and_told() -> None:
-    """The plan of a whole run on USB has them, with the reason."""
-    result = judged(UsbBoard(), words=())
-    reasons = {why for check, why in result.plan.left_out if "hid" not in check.needs}
-    assert reasons == {ELSEWHERE}
-    assert {*ALL_OF_USB} - of_verdict(result, Verdict.PASS) == {"MN4-USB-07"}  # it was not named
+def test_what_is_of_the_line_is_told_in_a_whole_run(tmp_path: Path) -> None:
+    """Not run, with the way to judge it, also on the page."""
+    folder = ReportFolder(tmp_path, MODEL.over[HID].explain, HID.spell)
+    result = judged(UsbBoard(), words=(), hear=folder)
+    told = {one.requirement.id: one.reason for one in result.requirements}
+    assert told["MN4-PKT-03"] == told["MN4-MOT-01"] == ELSEWHERE
+    assert NOT_COVERED not in told.values()
+    assert ALL_OF_USB - of_verdict(result, Verdict.PASS) == {"MN4-USB-07"}  # it was not named
     assert result.options.command == (
         f"axistwin conform mn400 --hid {NODE} --allow destructive --seed 5"
     )
+    assert folder.finish()
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert page.count("of the serial line") > 300
+    assert "not covered" not in re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
 
 
 # --- the transport --------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
+from axistwin_conformance.base.events import Listener
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import Result
@@ -125,7 +126,9 @@ class UsbBoard:
         return LEDGER.ambiguity_of(switch).default_of(switch)
 
 
-def judged(port: ReportPort | None, *words: str, **changes: Any) -> Result:
+def judged(
+    port: ReportPort | None, *words: str, hear: Listener = lambda event: None, **changes: Any
+) -> Result:
     """A whole run of the engine on a board on USB; None: on what is at its endpoint."""
     given: dict[str, Any] = {
         "family": MODEL.over[HID], "model": "mn400", "endpoint": NODE, "address": 1,
@@ -134,4 +137,4 @@ def judged(port: ReportPort | None, *words: str, **changes: Any) -> Result:
     }  # fmt: skip
     options = Options(**given | changes)
     opener = None if port is None else lambda neighbours: HidTransport(port, options.url)
-    return Engine(options, opener).run(lambda event: None)
+    return Engine(options, opener).run(hear)

@@ -27,7 +27,6 @@ BENCH = "bench"  # the need of what may go wrong where hands on the wiring have 
 NEEDS: dict[str, str] = {
     "neighbour": "needs a second module beside it (--neighbour ADDRESS)",
     "alone": "needs the module alone (no --neighbour)",
-    "hid": "needs its USB port (--hid PATH)",
     "virtual": "needs virtual time: only the built-in twin can show it",
     "bench": "may disturb a controller that is in use: only on a bench (--allow rig)",
 }

@@ -24,7 +24,6 @@ from axistwin_conformance.transport.transport import is_twin_url
 
 NOT_ALLOWED, ONLY_AT = "not allowed: ", "only at --level "
 NOT_NEEDED = "no check of this run depends on it"
-ELSEWHERE = "of the serial line (--port URL)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +94,6 @@ class Options:
         if self.is_twin or "rig" in self.allowed:
             met.add(BENCH)
         met.update(self.settings.met)
-        met.add(self.family.transport_kind.need)
         met.update(f"{RIG}{name}" for name in self.rig.capabilities)
         return frozenset(met)
 
@@ -266,9 +264,6 @@ def _obstacle(check: Check, options: Options) -> str:
         return f"{NOT_ALLOWED}{', '.join(forbidden)} (--allow {','.join(forbidden)})"
     if LEVELS.index(check.level) > LEVELS.index(options.level):
         return f"{ONLY_AT}{check.level}"
-    need = options.family.transport_kind.need
-    if need and need not in check.needs:
-        return ELSEWHERE
     missing = [name for name in check.needs if name not in options.provided]
     for capability, need in options.settings.withheld.items():
         if (of_rig := f"{RIG}{capability}") in missing:

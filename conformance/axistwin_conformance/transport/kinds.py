@@ -25,8 +25,7 @@ class TransportKind:
 
     `word`: what modules share; `option` and `rate_option`: where it is and how fast, on the command
     line, empty where there is no rate; `metavar` and `example`: of what stands behind `option`;
-    `twin`: how that begins for a twin in this process, empty where there is none; `need`: of
-    `NEEDS`, what a check declares that can be run this way, empty: any check can.
+    `twin`: how that begins for a twin in this process, empty where there is none.
     """
 
     word: str
@@ -35,7 +34,6 @@ class TransportKind:
     metavar: str
     example: str
     twin: str
-    need: str = ""
 
     def spell(self, data: bytes) -> str:
         """What was said, as reports show it: bytes in hex, frames as candump's log has them."""
@@ -63,7 +61,7 @@ BUS: Final = TransportKind(
     "socketcan:can0 or --can slcan:/dev/ttyACM0",
     "axistwin:",
 )
-HID: Final = TransportKind("USB", "--hid", "", "PATH", "/dev/hidraw0", "", need="hid")
+HID: Final = TransportKind("USB", "--hid", "", "PATH", "/dev/hidraw0", "")
 TRANSPORT_KINDS: Final = (LINE, BUS, HID)
 
 

@@ -1,7 +1,7 @@
 """What the engine must know of the MN400 on USB beside its checks.
 
-The checks of the serial line are those of packets; they are left out here, with the reason.  What
-is judged is what the manual says of USB (MN4-USB-01 to -08).
+What is judged is what the manual says of USB (MN4-USB-01 to -08): the checks of everything else are
+those of packets, on the serial line.
 """
 
 from __future__ import annotations
@@ -45,11 +45,6 @@ class Mn400Usb(Family):
         "destructive": "changes the address (=)",
         "end": "counters that were changed are put back",
     }
-
-    @property
-    def _packages(self) -> tuple[str, ...]:
-        own = type(self).__module__.rpartition(".")[0]
-        return own, own.rpartition(".")[0]
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> HidTransport:
         """Open a node."""

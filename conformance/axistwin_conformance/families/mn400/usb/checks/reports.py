@@ -44,7 +44,7 @@ def counters_put_back(session: Session) -> Iterator[None]:
         yield
 
 
-@check("MN4-USB-01", needs=("hid",))
+@check("MN4-USB-01")
 def it_enumerates_as_the_manual_says(session: Session) -> None:
     """HID, vendor 0461h, product 0020h, one report of 64 bytes each way."""
     found = UsbDriver(session).transport.identity
@@ -55,7 +55,7 @@ def it_enumerates_as_the_manual_says(session: Session) -> None:
     session.expect(sizes == (REPORT_BYTES,) * 2, "MN4-USB-01", f"{REPORT_BYTES} bytes", sizes)
 
 
-@check("MN4-USB-03", "MN4-USB-08", needs=("hid",))
+@check("MN4-USB-03", "MN4-USB-08")
 def a_report_is_its_command_and_a_value(session: Session) -> None:
     """Each read draws one report, without address, sum, START and DONE; * draws 2Ah 16h."""
     driver = UsbDriver(session)
@@ -72,7 +72,7 @@ def a_report_is_its_command_and_a_value(session: Session) -> None:
     session.expect(came, ("MN4-USB-08", "MN4-USB-03"), "2A 16", reply, "to a poll")
 
 
-@check("MN4-USB-04", needs=("hid",))
+@check("MN4-USB-04")
 @keeping_counters
 def what_reads_nothing_draws_no_report(session: Session) -> None:
     """Orders are carried out in silence."""
@@ -82,7 +82,7 @@ def what_reads_nothing_draws_no_report(session: Session) -> None:
     driver.counters_are(LOADED, "MN4-USB-04", "after L1,2,3,4")
 
 
-@check("MN4-USB-05", needs=("hid",))
+@check("MN4-USB-05")
 @keeping_counters
 def what_is_refused_draws_a_report(session: Session) -> None:
     """Parameters that are wrong draw PARA_ERROR, in one form, and have no effect."""
@@ -95,7 +95,7 @@ def what_is_refused_draws_a_report(session: Session) -> None:
     driver.counters_are(LOADED, "MN4-USB-05", "after what was refused")
 
 
-@check("MN4-USB-02", needs=("hid",))
+@check("MN4-USB-02")
 @keeping_counters
 def only_the_first_bytes_of_a_report_count(session: Session) -> None:
     """Of 49 characters the last one is lost; 48 are taken."""
@@ -112,7 +112,7 @@ def only_the_first_bytes_of_a_report_count(session: Session) -> None:
         driver.counters_are((1, 2, 3, loaded), "MN4-USB-02", f"after L of {count}")
 
 
-@check("MN4-USB-06", needs=("hid",))
+@check("MN4-USB-06")
 @keeping_counters
 def a_report_holds_one_command(session: Session) -> None:
     """What stands behind the null of the first command does nothing and draws nothing."""
@@ -125,7 +125,7 @@ def a_report_holds_one_command(session: Session) -> None:
     session.expect(more.is_silence, "MN4-USB-06", "one report", more, "to E and ? in one report")
 
 
-@check("MN4-USB-07", safety="destructive", needs=("hid",))
+@check("MN4-USB-07", safety="destructive")
 def it_answers_whatever_its_address(session: Session) -> None:
     """After = with another address E is answered; then the address is as it was."""
     driver, own = UsbDriver(session), session.address

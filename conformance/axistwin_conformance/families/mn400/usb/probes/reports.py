@@ -7,7 +7,7 @@ from axistwin_conformance.families.mn400.codec import ReturnCode
 from axistwin_conformance.families.mn400.usb.driver import UsbDriver
 
 
-@probe(needs=("hid",))
+@probe()
 def usb_error_form(driver: UsbDriver) -> Outcome:
     """The report that X3 draws."""
     reply = driver.ask("X3")
@@ -16,7 +16,7 @@ def usb_error_form(driver: UsbDriver) -> Outcome:
     return 0 if reply.has_command else 1
 
 
-@probe(needs=("hid",))
+@probe()
 def usb_outcome_codes(driver: UsbDriver) -> Outcome:
     """Whether K with nothing pending draws NOMOVEPENDING."""
     reply = driver.ask("K")
