@@ -15,7 +15,7 @@ from axistwin.devices.mn400.link.packets import OF_MN100, ReturnCode, packet
 from axistwin.devices.mn400.quirks import QUIRKS
 from axistwin.errors import UsageError
 
-QUIRKS_OF_MN100 = read_profile("mn100", ["mn400"])
+QUIRKS_OF_MN100: dict[str, Any] = read_profile("mn100", ["mn400"])
 
 
 @pytest.fixture
@@ -197,7 +197,6 @@ class Mn100Program:
 
     def _ask(self, text: str, wait_s: float) -> bytes:
         head = bytes((self._mark, *text.encode("ascii"), self._mark))
-        self._port.reset_input_buffer()
         self._port.write(head + bytes((sum(head) & 0x7F,)))
         self._port.timeout = wait_s
         data = self._port.read(64)

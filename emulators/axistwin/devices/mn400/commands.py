@@ -126,7 +126,7 @@ class Interpreter:
         self.contour: ContourEntry | None = None
         self.is_holding = False
         self.pending: Callable[[BoardLine], None] | None = None
-        self._unanswered: dict[int, BoardLine] = {}  # by the identity of the motion's order
+        self._unanswered: list[tuple[MotionOrder, BoardLine]] = []
         self.program: deque[bytes] | None = None
         is_on = self._quirks.power_on_outputs == "on"
         self.outputs = [is_on] * OUTPUTS
@@ -206,7 +206,7 @@ class Interpreter:
     def _started(self, line: BoardLine, code: ReturnCode) -> Answer:
         """START and ``code``, which may have to wait for the end of a motion (rule 3)."""
         start = self._status(line.command, ReturnCode.START)
-        if code is ReturnCode.DONE and any(waits is line for waits in self._unanswered.values()):
+        if code is ReturnCode.DONE and any(waits is line for _, waits in self._unanswered):
             return Answer([start], code)
         if code is ReturnCode.DONE and self._quirks.move_abort_use == "while_aborted":
             code = ReturnCode.MOVE_ABORT if self._mover.is_aborted else code
@@ -319,18 +319,21 @@ class Interpreter:
     def _start(self, line: BoardLine, order: MotionOrder) -> None:
         """Run a motion now, or behind what runs; ``line`` has set it going."""
         if self._quirks.motion_done == "at_end" and line.origin in _ANSWERED_LATE:
-            self._unanswered[id(order)] = line
+            self._unanswered.append((order, line))
         self._mover.take(line.now, order)
 
     def late_answers(self) -> list[tuple[BoardLine, ReplyPart]]:
         """What is to be told of motions that are over, and to whom (rule 3)."""
         ended, self._mover.ended = self._mover.ended, []
-        lines = ((self._unanswered.pop(id(order), None), outcome) for order, outcome in ended)
-        return [
-            (line, self._status(line.command, _ENDINGS[outcome]))
-            for line, outcome in lines
-            if line is not None
-        ]
+        answers = []
+        for over, outcome in ended:
+            waiting = [
+                number for number, (order, _) in enumerate(self._unanswered) if order is over
+            ]
+            if waiting:
+                _, line = self._unanswered.pop(waiting[0])
+                answers.append((line, self._status(line.command, _ENDINGS[outcome])))
+        return answers
 
     def _keep(self, pending: Callable[[BoardLine], None]) -> ReturnCode | None:
         """Keep it until K (MN4-CMD-H-01, MN4-AMB-17)."""

@@ -516,6 +516,11 @@ class Mn400Board:
         """Pulses at the step outputs since power-up, in either direction, compensation included."""
         return list(added(self.mover.made_at(now), self.jogger.made_at(now)))
 
+    def step_rates_at(self, now: Nanos) -> list[float]:
+        """Steps per second of the step outputs, with the sign of the direction; of jogging too."""
+        rates = [self.mover.rates_at(now), *(one.rates_at(now) for one in self.jogger.motions())]
+        return [sum(of_axis) for of_axis in zip(*rates, strict=True)]
+
     def moves_at(self, now: Nanos) -> bool:
         """Whether an axis moves, or will when its pause is over or pulses come."""
         return self.mover.is_busy or bool(self.jogger.motions())

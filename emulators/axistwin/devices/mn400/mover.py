@@ -100,7 +100,7 @@ class Mover:
         self._limit_ns: Nanos = NEVER
         self._ended_by: int | None = None
         self._halted_code = 0
-        self._is_quit = False
+        self._cut: MotionOutcome = "aborted"
         self.ended: list[EndedMotion] = []
         self._reasons: set[PauseReason] = set()
         self.is_latched = False
@@ -164,6 +164,10 @@ class Mover:
     def made_at(self, now: Nanos) -> Four:
         """Pulses at the step outputs since power-up, those of compensation included."""
         return self._made if self._motion is None else added(self._made, self._motion.made_at(now))
+
+    def rates_at(self, now: Nanos) -> tuple[float, ...]:
+        """Steps per second at the step outputs, with the sign of the direction."""
+        return (0.0,) * AXES if self._motion is None else self._motion.rates_at(now)
 
     def phantom_at(self, now: Nanos) -> int:
         """Phantom steps since power-up (E1, E2)."""
@@ -278,7 +282,7 @@ class Mover:
         self.order = order
         self.is_aborted = False
         self._left = self._path_left = ZERO
-        self._ended_by, self._halted_code, self._is_quit = None, 0, False
+        self._ended_by, self._halted_code, self._cut = None, 0, "aborted"
         if self.is_latched:
             self._reasons.add("command")
             self.is_latched = False
@@ -328,8 +332,7 @@ class Mover:
             if self._quirks.readcount_after_abort == "kept":
                 self._left = self.left_at(now)
         self._base = wrapped(added(self._base, motion.position_at(now)))
-        cut = "quit" if self._is_quit else "aborted"
-        self.ended.append(EndedMotion(order, cut if self.is_aborted else "completed"))
+        self.ended.append(EndedMotion(order, self._cut if self.is_aborted else "completed"))
         self._forget()
 
     def _forget(self) -> None:
@@ -408,9 +411,8 @@ class Mover:
 
     def _flush(self) -> None:
         """Drop what waits, settings included."""
-        cut = "quit" if self._is_quit else "aborted"
         dropped = (item for item in self.queue if isinstance(item, MotionOrder))
-        self.ended += [EndedMotion(order, cut) for order in dropped]
+        self.ended += [EndedMotion(order, self._cut) for order in dropped]
         self.queue.clear()
         self.accepted = self.settings
 
@@ -431,7 +433,7 @@ class Mover:
             kept += self.queue
             self.queue.clear()
         if self.is_busy:
-            self._is_quit = True
+            self._cut = "quit"
             is_ramped = self._quirks.quit_decel and not self.is_paused
             self._end(now, now, self._abort_code(), is_ramped=is_ramped)
         self._reasons.discard("command")

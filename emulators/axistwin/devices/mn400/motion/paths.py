@@ -257,6 +257,20 @@ class PathChain:
         _, path, inner = self._of_step(axis, n)
         return path.heading(axis, inner), path.is_commanded
 
+    def slope(self, axis: int, n: int, x: int, reach: int) -> float:
+        """Displacement for each unit of x, over some steps around the ``n``-th on its path.
+
+        0 while the path of that step has not begun at ``x``.
+        """
+        index, path, inner = self._of_step(axis, n)
+        if x < self.starts[index]:
+            return 0.0
+        first, last = max(1, inner - reach), min(inner + reach, path.total(axis))
+        if isinstance(path, StraightPath) or last - first < 2:
+            return path.displacement(axis, path.total(axis)) / path.length
+        moved = path.displacement(axis, last) - path.displacement(axis, first)
+        return moved / (path.place(axis, last) - path.place(axis, first))
+
     def next_in_direction(self, axis: int, n: int, direction: int) -> int | None:
         """The first step from the ``n``-th on that goes in ``direction`` (0: any); None: none."""
         while n <= self.total(axis):
