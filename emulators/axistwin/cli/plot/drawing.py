@@ -54,7 +54,7 @@ _STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "axistwin",
     "path.simplify": True,
-    "path.simplify_threshold": 0.2,
+    "path.simplify_threshold": 0.3,
 }
 
 
@@ -129,10 +129,11 @@ def _over_time(figure: Any, track: MotionTrack, axes: Sequence[int]) -> None:
     """Position and rate of each axis."""
     places, rates = figure.subplots(2, 1, sharex=True)
     form = {"marker": ".", "markersize": 3} if track.is_read_out else {}
+    drawn = "steps-post" if track.is_read_out else "default"
     for axis in axes:
         look = {"color": LINES[axis % len(LINES)], "linestyle": FORMS[axis % len(FORMS)]}
         places.plot(track.times_s, track.places(axis), label=track.names[axis], **look, **form)
-        rates.plot(track.times_s, track.speeds(axis), drawstyle="steps-post", **look)
+        rates.plot(track.times_s, track.speeds(axis), drawstyle=drawn, **look)
     places.set_ylabel(f"position [{track.unit}]")
     rates.set_ylabel(f"rate [{track.unit}/s]")
     rates.set_xlabel("time [s]")

@@ -279,7 +279,7 @@ class VectorMotion:
 
     def _rate(self, axis: int, now_ns: Nanos, x: int, speed: int) -> float:
         following = self._taken(axis, now_ns) + 1
-        if following > self.chain.total(axis) or self._is_beyond_halt(axis, following):
+        if not speed or self._is_beyond_halt(axis, following):
             return 0.0
         return speed * self.chain.slope(axis, following, x, RATE_STEPS)
 

@@ -258,16 +258,13 @@ class PathChain:
         return path.heading(axis, inner), path.is_commanded
 
     def slope(self, axis: int, n: int, x: int, reach: int) -> float:
-        """Displacement for each unit of x, over some steps around the ``n``-th on its path.
-
-        0 while the path of that step has not begun at ``x``.
-        """
-        index, path, inner = self._of_step(axis, n)
-        if x < self.starts[index]:
-            return 0.0
-        first, last = max(1, inner - reach), min(inner + reach, path.total(axis))
+        """Displacement for each unit of x where ``x`` is, over some steps around the ``n``-th."""
+        index = min(bisect_right(self.starts, x), len(self.paths)) - 1
+        path, total = self.paths[index], self.paths[index].total(axis)
+        near = min(max(n - self._steps[axis][index], 1), total)
+        first, last = max(1, near - reach), min(near + reach, total)
         if isinstance(path, StraightPath) or last - first < 2:
-            return path.displacement(axis, path.total(axis)) / path.length
+            return path.displacement(axis, total) / path.length
         moved = path.displacement(axis, last) - path.displacement(axis, first)
         return moved / (path.place(axis, last) - path.place(axis, first))
 
