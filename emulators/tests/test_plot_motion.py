@@ -8,7 +8,7 @@ import pytest
 from axistwin import catalog
 from axistwin.cli.plot import sources
 from axistwin.cli.plot.track import MARGIN, MotionTrack, chosen_axes, chosen_planes
-from axistwin.cli.plot.twin_motion import LOOKS, PlayedMotion, Saying, TwinSetup, moved_twin
+from axistwin.cli.plot.twin_motion import SAMPLES, HostMessage, PlayedMotion, TwinSetup, moved_twin
 from axistwin.devices.family import Model
 from axistwin.devices.mn400.link.packets import packet
 from axistwin.errors import UsageError
@@ -20,17 +20,17 @@ CONTOUR = ("V3000", "(50", "M500,,500", "M505,,500", "M509,,500", "V3850", "M530
 def played(
     model: Model,
     *texts: str,
-    sayings: list[Saying] | None = None,
+    messages: list[HostMessage] | None = None,
     limit_s: float = 60.0,
     quirks: dict[str, Any] | None = None,
     **controls: Any,
 ) -> tuple[PlayedMotion, MotionTrack]:
     """What a twin of the model does that is told ``texts``."""
-    view = model.family.axis_view()
+    view = model.family.axis_readout()
     assert view is not None
     address = model.default_address
     setup = TwinSetup(model, address, quirks or {}, controls)
-    said = sources.from_words(model, address, texts) if sayings is None else sayings
+    said = sources.from_words(model, address, texts) if messages is None else messages
     return moved_twin(setup, view, said, limit_s)
 
 
@@ -76,7 +76,7 @@ def test_the_track_begins_with_the_first_step() -> None:
     assert max(before) == pytest.approx(0.002, abs=0.001)
     assert track.times_s[0] == pytest.approx(-MARGIN * 0.2, abs=0.001)
     assert track.times_s[-1] == pytest.approx(0.2 * (1 + MARGIN), abs=0.002)
-    assert LOOKS * 0.9 < len(track.times_s) <= LOOKS * 1.1
+    assert SAMPLES * 0.9 < len(track.times_s) <= SAMPLES * 1.1
 
 
 def test_pauses_and_commands_meanwhile_are_part_of_it() -> None:
@@ -102,7 +102,7 @@ def test_a_program_waits_for_the_axes_between_its_lines(tmp_path: Path) -> None:
     """Which live commands do not: a module refuses the second one."""
     path = tmp_path / "part.txt"
     path.write_text("go to 500   # there\n\n# and back\ngo to -500\n", "utf-8")
-    done, track = played(MAC, sayings=sources.from_program(MAC, 0, str(path)))
+    done, track = played(MAC, messages=sources.from_program(MAC, 0, str(path)))
     assert [MAC.explain(reply[0]) for reply in done.replies] == ["accepted", "accepted"]
     assert track.positions[-1] == (-500,)
     done, track = played(MAC, "go to 500", "go to -500")
@@ -168,13 +168,13 @@ def test_a_recording_is_said_again_at_its_times(tmp_path: Path) -> None:
         ),
         "utf-8",
     )
-    sayings = sources.from_capture(STEPS, str(path))
-    assert [saying.at_ns for saying in sayings] == [0, 2_000_000_000]
-    done_again, track = played(STEPS, sayings=sayings)
-    assert sources.differing(sayings, done_again.replies) == []
+    messages = sources.from_capture(STEPS, str(path))
+    assert [message.at_ns for message in messages] == [0, 2_000_000_000]
+    done_again, track = played(STEPS, messages=messages)
+    assert sources.differing(messages, done_again.replies) == []
     assert track.trimmed().positions[-1] == (200, 0, 0, 0)
-    other, _ = played(STEPS, sayings=sayings, quirks={"data_packet_trailer": "none"})
-    assert sources.differing(sayings, other.replies) == [1]
+    other, _ = played(STEPS, messages=messages, quirks={"data_packet_trailer": "none"})
+    assert sources.differing(messages, other.replies) == [1]
 
 
 def test_a_recording_of_a_bus_is_said_again(tmp_path: Path) -> None:
@@ -185,9 +185,9 @@ def test_a_recording_of_a_bus_is_said_again(tmp_path: Path) -> None:
         "(1795284668.802000) vcan0 581#6013200000000000 R\n",
         "utf-8",
     )
-    sayings = sources.from_capture(CAN, str(path))
-    done, track = played(CAN, sayings=sayings)
-    assert sources.differing(sayings, done.replies) == []
+    messages = sources.from_capture(CAN, str(path))
+    done, track = played(CAN, messages=messages)
+    assert sources.differing(messages, done.replies) == []
     assert track.trimmed().positions[-1] == (1000,)
 
 
@@ -196,8 +196,8 @@ def test_a_recording_of_a_bus_is_said_again(tmp_path: Path) -> None:
     [
         ("81 45 81 47\n", r"line 1: '81 45 81 47'; a recording of 'axistwin run --capture' has"),
         ("hello\n", "line 1: 'hello'"),
-        ("# nothing\n", "no host says anything in it"),
-        ("      12.000 < 81 45\n", "no host says anything in it"),
+        ("# nothing\n", "it has nothing from a host"),
+        ("      12.000 < 81 45\n", "it has nothing from a host"),
     ],
 )
 def test_what_is_no_recording_is_one_clear_line(tmp_path: Path, text: str, words: str) -> None:

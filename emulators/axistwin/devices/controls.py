@@ -135,7 +135,7 @@ class ControlTable:
 
 
 @dataclass(frozen=True, slots=True)
-class AxisView:
+class AxisReadout:
     """How the motion of a device is followed, to be plotted.
 
     names: of its axes.  unit: of positions.  position, rate: the controls that have them (rate per

@@ -14,7 +14,7 @@ from axistwin.kernel.time import Nanos
 
 if TYPE_CHECKING:
     from axistwin.devices.base import TwinDevice
-    from axistwin.devices.controls import AxisView, ControlTable
+    from axistwin.devices.controls import AxisReadout, ControlTable
     from axistwin.devices.switches import Quirk
     from axistwin.wire.can_frame import CanFrame
 
@@ -57,7 +57,7 @@ class Family(ABC):
     def controls(self) -> "ControlTable":
         """What can be worked and seen of its devices."""
 
-    def axis_view(self) -> "AxisView | None":
+    def axis_readout(self) -> "AxisReadout | None":
         """How the motion of its devices is followed; None: they have no axes."""
         return None
 

@@ -14,8 +14,8 @@ from axistwin.errors import UsageError
 
 if TYPE_CHECKING:
     from axistwin.cli.plot.track import MotionTrack
-    from axistwin.cli.plot.twin_motion import PlayedMotion, Saying
-    from axistwin.devices.controls import AxisView
+    from axistwin.cli.plot.twin_motion import HostMessage, PlayedMotion
+    from axistwin.devices.controls import AxisReadout
     from axistwin.devices.family import Model
 
 LIMIT_S: Final = 60.0
@@ -24,9 +24,9 @@ _SPAN: Final = click.FloatRange(0.001, 86_400)
 _TRUTHS: Final = {"on": True, "true": True, "off": False, "false": False}
 
 _HELP: Final = {
-    "program": "Commands from a file, one in a line; each is said when all axes stand.  # begins a "
+    "program": "Commands from a file, one in a line; each is sent when all axes stand.  # begins a "
     "remark.",
-    "capture": "What the host says in a recording of 'axistwin run --capture', at the same times.",
+    "capture": "What the host sends in a recording of 'axistwin run --capture', at its times.",
     "live": "Positions that the device at PORT tells when it is asked, after the commands: as "
     "many as its line carries.",
     "output": "Picture to write, .png or .svg (default: MODEL.png).",
@@ -89,7 +89,7 @@ def plot(
 ) -> None:
     """Draw how a device moves: its path, and position and rate of each axis.
 
-    A twin is told the commands in virtual time, and its exact motion is drawn.  COMMAND is one of
+    A twin gets the commands in virtual time, and its exact motion is drawn.  COMMAND is one of
     those of 'axistwin send', pauses too.  The time counts from the first step.
 
     \b
@@ -127,14 +127,14 @@ def _track(options: PlotOptions, spec: catalog.DeviceSpec) -> MotionTrack:
     from axistwin.cli.plot import sources
 
     model = catalog.find_model(spec.model)
-    view = model.family.axis_view()
+    view = model.family.axis_readout()
     if view is None:
-        known = (each.name for each in catalog.models().values() if each.family.axis_view())
+        known = (each.name for each in catalog.models().values() if each.family.axis_readout())
         raise UsageError(f"{model.name} has no axes to draw; those with axes: {', '.join(known)}")
     _check(options)
     words = sources.from_words(model, spec.address, options.commands)
     if options.live is not None:
-        requests = [saying.content for saying in words]
+        requests = [message.content for message in words]
         span_s, baud = options.seconds or LIVE_S, options.baud
         return sources.read_out(model, view, options.live, spec.address, requests, baud, span_s)
     if options.program is not None:
@@ -172,8 +172,8 @@ def _of_twin(
     options: PlotOptions,
     spec: catalog.DeviceSpec,
     model: Model,
-    view: AxisView,
-    sayings: list[Saying],
+    view: AxisReadout,
+    messages: list[HostMessage],
 ) -> MotionTrack:
     """The exact motion of a twin, with what it replied."""
     from axistwin.cli.plot.twin_motion import TwinSetup, moved_twin
@@ -182,11 +182,11 @@ def _of_twin(
     controls = dict(_setting(text) for text in options.settings)
     setup = TwinSetup(model, spec.address, quirks, controls)
     limit_s = options.seconds or LIMIT_S
-    played, track = moved_twin(setup, view, sayings, limit_s)
+    played, track = moved_twin(setup, view, messages, limit_s)
     if options.capture is None:
-        _show_replies(model, sayings, played)
+        _show_replies(model, messages, played)
     else:
-        _show_difference(options.capture, model, sayings, played)
+        _show_difference(options.capture, model, messages, played)
     if played.is_cut:
         click.echo(
             f"axistwin: an axis still moves, or waits for pulses, {limit_s:g} s behind the last "
@@ -209,34 +209,34 @@ def _setting(text: str) -> tuple[str, Any]:
     return name, value
 
 
-def _show_replies(model: Model, sayings: list[Saying], played: PlayedMotion) -> None:
+def _show_replies(model: Model, messages: list[HostMessage], played: PlayedMotion) -> None:
     """As ``axistwin send`` does."""
     from axistwin.cli.send import row_of
 
-    for saying, reply in zip(sayings, played.replies, strict=True):
-        if isinstance(saying.content, float):
-            click.echo(f"> wait {saying.content:g} s")
+    for message, reply in zip(messages, played.replies, strict=True):
+        if isinstance(message.content, float):
+            click.echo(f"> wait {message.content:g} s")
         else:
-            click.echo(row_of(model, ">", saying.content))
+            click.echo(row_of(model, ">", message.content))
         for part in reply:
             click.echo(row_of(model, "<", part))
 
 
 def _show_difference(
-    capture: str, model: Model, sayings: list[Saying], played: PlayedMotion
+    capture: str, model: Model, messages: list[HostMessage], played: PlayedMotion
 ) -> None:
     """Where the twin does not say what was recorded."""
     from axistwin.cli.plot.sources import differing
 
-    found = differing(sayings, played.replies)
+    found = differing(messages, played.replies)
     if not found:
         return
     recorded, told = (
         "; ".join(map(model.explain, parts)) or "nothing"
-        for parts in (sayings[found[0]].recorded, played.replies[found[0]])
+        for parts in (messages[found[0]].recorded, played.replies[found[0]])
     )
     click.echo(
-        f"axistwin: {capture}: {len(found)} of {len(sayings)} replies of the twin are not those "
+        f"axistwin: {capture}: {len(found)} of {len(messages)} replies of the twin are not those "
         f"recorded, first {told!r} for {recorded!r}; --profile or --quirk may be missing",
         err=True,
     )

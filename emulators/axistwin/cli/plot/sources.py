@@ -1,4 +1,4 @@
-"""What is said to a twin, from where a user has it: words, a program, a recording; and a device."""
+"""Where motion comes from: commands, a program or a recording for a twin; or a device on a port."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from axistwin.cli.decode import READERS
 from axistwin.cli.plot.track import MotionTrack
-from axistwin.cli.plot.twin_motion import Saying
+from axistwin.cli.plot.twin_motion import HostMessage
 from axistwin.cli.send import exchanges, request_of
-from axistwin.devices.controls import AxisView
+from axistwin.devices.controls import AxisReadout
 from axistwin.devices.family import Model
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
@@ -27,37 +27,36 @@ _FORMS: Final = {
     "can": "a recording of 'axistwin run --capture' has '(12.5) vcan0 601#4000200000000000 T'",
 }
 
+REMARK: Final = "#"
+"""Begins one, to the end of the line of a program."""
+
 LIVE_TIMEOUT_S: Final = 1.0
 
 
-def from_words(model: Model, address: int, texts: tuple[str, ...]) -> list[Saying]:
+def from_words(model: Model, address: int, texts: tuple[str, ...]) -> list[HostMessage]:
     """Commands as ``axistwin send`` takes them, one after the other.  Raises UsageError."""
-    return [Saying(request_of(model, address, text)) for text in texts]
+    return [HostMessage(request_of(model, address, text)) for text in texts]
 
 
-def from_program(model: Model, address: int, path: str) -> list[Saying]:
-    """A file with one command in a line, each said when all axes stand.  Raises UsageError."""
-    sayings = []
+def from_program(model: Model, address: int, path: str) -> list[HostMessage]:
+    """A file with one command in a line, each sent when all axes stand.  Raises UsageError."""
+    messages = []
     for number, line in enumerate(_lines(path), 1):
         text = line.partition(REMARK)[0].strip()
         if not text:
             continue
         try:
-            sayings.append(Saying(request_of(model, address, text), waits=True))
+            messages.append(HostMessage(request_of(model, address, text), waits=True))
         except UsageError as error:
             raise UsageError(f"{path}, line {number}: {error}") from None
-    if not sayings:
+    if not messages:
         raise UsageError(f"{path}: it has no command; write one in a line")
-    return sayings
+    return messages
 
 
-REMARK: Final = "#"
-"""Begins one, to the end of the line of a program."""
-
-
-def from_capture(model: Model, path: str) -> list[Saying]:
+def from_capture(model: Model, path: str) -> list[HostMessage]:
     """The host's half of a recording, with the replies that it has.  Raises UsageError."""
-    said: list[tuple[float, Any, list[Any]]] = []
+    sent: list[tuple[float, Any, list[Any]]] = []
     form, unit_ns = (_ON_BUS, NS_PER_S) if model.carrier == "can" else (_ON_LINE, NS_PER_MS)
     for number, line in enumerate(_lines(path), 1):
         if not line.strip() or line.lstrip().startswith(("#", "…")):
@@ -67,15 +66,15 @@ def from_capture(model: Model, path: str) -> list[Saying]:
         if found is None or match is None:
             raise UsageError(f"{path}, line {number}: {line[:60]!r}; {_FORMS[model.carrier]}")
         if match["way"] in _FROM_HOST and found.content is not None:
-            said.append((float(match["time"]) * unit_ns, found.content, []))
-        elif said and found.content is not None:
-            said[-1][2].append(found.content)
-    if not said:
-        raise UsageError(f"{path}: no host says anything in it; {_FORMS[model.carrier]}")
-    origin_ns = said[0][0]
+            sent.append((float(match["time"]) * unit_ns, found.content, []))
+        elif sent and found.content is not None:
+            sent[-1][2].append(found.content)
+    if not sent:
+        raise UsageError(f"{path}: it has nothing from a host; {_FORMS[model.carrier]}")
+    origin_ns = sent[0][0]
     return [
-        Saying(content, at_ns=round(time_ns - origin_ns), recorded=tuple(replies))
-        for time_ns, content, replies in said
+        HostMessage(content, at_ns=round(time_ns - origin_ns), recorded=tuple(replies))
+        for time_ns, content, replies in sent
     ]
 
 
@@ -89,8 +88,8 @@ def _lines(path: str) -> list[str]:
         ) from None
 
 
-def differing(sayings: list[Saying], replies: list[list[Any]]) -> list[int]:
-    """Which of ``sayings`` of a recording were replied otherwise than it has."""
+def differing(messages: list[HostMessage], replies: list[list[Any]]) -> list[int]:
+    """Which of ``messages`` got another reply than the recorded one."""
 
     def joined(parts: Any) -> Any:
         is_bytes = all(isinstance(part, bytes) for part in parts)
@@ -98,14 +97,14 @@ def differing(sayings: list[Saying], replies: list[list[Any]]) -> list[int]:
 
     return [
         index
-        for index, (saying, reply) in enumerate(zip(sayings, replies, strict=True))
-        if joined(saying.recorded) != joined(reply)
+        for index, (message, reply) in enumerate(zip(messages, replies, strict=True))
+        if joined(message.recorded) != joined(reply)
     ]
 
 
 def read_out(
     model: Model,
-    view: AxisView,
+    view: AxisReadout,
     place: str,
     address: int,
     requests: list[bytes | CanFrame | float],
@@ -114,7 +113,7 @@ def read_out(
 ) -> MotionTrack:
     """The positions of the device at ``place``, asked as fast as it answers for ``span_s``.
 
-    ``requests`` are said first.  Rates are those between two answers.  Raises UsageError and
+    ``requests`` are sent first.  Rates are those between two answers.  Raises UsageError and
     PortError.
     """
     query: Any = model.family.compose(view.query, address)
@@ -129,10 +128,10 @@ def read_out(
 
     times_s: list[float] = []
     positions: list[tuple[int, ...]] = []
-    talk = exchanges(
+    answers = exchanges(
         model, place, chain([query], requests, queries()), baud, LIVE_TIMEOUT_S, is_whole
     )
-    for request, reply in talk:
+    for request, reply in answers:
         words = " ".join(model.explain(part) for part in reply)
         found = re.search(view.answer, words)
         if request is query and found is not None:

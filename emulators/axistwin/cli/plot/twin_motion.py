@@ -1,12 +1,11 @@
-"""Motion of a twin in virtual time that is told commands, as ``send`` does or a recording has it.
+"""Motion of a twin in virtual time that gets commands, as ``send`` gives them or a recording has.
 
 Rules
 -----
-1. What is said is played twice: once to learn when axes move, then with as many looks at them as a
-   picture shows, evenly over that time.  Both are the same, since time is virtual.
-2. Of a recording, the host's half is said at the times that it has.  The twin's replies are
-   compared with the recorded ones: where they differ, the device of the recording may have moved
-   otherwise than the twin.
+1. The messages are played twice: first to learn when axes move, then with samples of all axes,
+   evenly over that time.  Time is virtual, so both runs are the same.
+2. The host's half of a recording is sent at the recorded times.  Where the twin replies otherwise
+   than recorded, the recorded device may have moved otherwise, too.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Any, Final
 
 from axistwin import catalog
 from axistwin.cli.plot.track import MARGIN, MotionTrack
-from axistwin.devices.controls import AxisView
+from axistwin.devices.controls import AxisReadout
 from axistwin.devices.family import Model, Value
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
 from axistwin.runtime.bus import Bus
@@ -26,7 +25,7 @@ from axistwin.runtime.clock import VirtualClock
 from axistwin.runtime.line import Line
 from axistwin.wire.can_frame import CanFrame
 
-LOOKS: Final = 4000
+SAMPLES: Final = 4000
 """More than a picture has columns."""
 
 PATIENCE_NS: Final = 2 * NS_PER_S
@@ -37,15 +36,15 @@ GAP_NS: Final = 20 * NS_PER_MS
 
 _STEP_NS: Final = NS_PER_MS
 _LAST_NS: Final = 100 * NS_PER_MS
-"""In which what was said last is heard and obeyed."""
+"""In which the last message arrives and is obeyed."""
 
-_LOOK_AGAIN_NS: Final = NS_PER_S
-"""Longest time until it is looked again whether an axis still moves."""
+_RECHECK_NS: Final = NS_PER_S
+"""Longest time after which the run looks again whether an axis still moves."""
 
 
 @dataclass(frozen=True, slots=True)
 class TwinSetup:
-    """Which twin is told something.  controls: how they are worked before, by name."""
+    """Which twin gets the messages.  controls: their values before, by name."""
 
     model: Model
     address: int
@@ -54,11 +53,11 @@ class TwinSetup:
 
 
 @dataclass(frozen=True, slots=True)
-class Saying:
-    """What a host says: bytes, a frame, or a pause in seconds.
+class HostMessage:
+    """What a host sends: bytes, a frame, or in place of it a pause in seconds.
 
-    at_ns: when, from the first one on; None: when the reply to the one before has come.
-    waits: not before all axes stand.  recorded: the reply that a recording has.
+    at_ns: when, counted from the first message; None: after the reply to the one before.
+    waits: not before all axes stand.  recorded: the reply in the recording.
     """
 
     content: bytes | CanFrame | float
@@ -69,7 +68,7 @@ class Saying:
 
 @dataclass(slots=True)
 class PlayedMotion:
-    """How it went: what was replied to each saying, when axes moved first and last, and the looks.
+    """How it went: the reply to each message, when axes moved first and last, and the samples.
 
     is_cut: an axis was still moving at the end of the time that was allowed.
     """
@@ -84,49 +83,49 @@ class PlayedMotion:
 
 
 def moved_twin(
-    setup: TwinSetup, view: AxisView, sayings: Sequence[Saying], limit_s: float
+    setup: TwinSetup, view: AxisReadout, messages: Sequence[HostMessage], limit_s: float
 ) -> tuple[PlayedMotion, MotionTrack]:
-    """What a twin does that is told ``sayings``, at most ``limit_s`` behind the last (rule 1)."""
+    """How a twin moves that gets ``messages``, at most ``limit_s`` behind the last (rule 1)."""
 
     def play(grid: range | None) -> PlayedMotion:
-        talk = (_OnBus if setup.model.carrier == "can" else _OnLine)(setup)
-        with talk.simulation:
+        port = (_BusPort if setup.model.carrier == "can" else _LinePort)(setup)
+        with port.simulation:
             for name, value in setup.controls.items():
-                talk.simulation.twins[0].controls[name].set(value)
-            return _Player(talk, view, grid).play(sayings, round(limit_s * NS_PER_S))
+                port.simulation.twins[0].controls[name].set(value)
+            return _MotionPlayer(port, view, grid).play(messages, round(limit_s * NS_PER_S))
 
     first = play(None)
     begin_ns = first.until_ns if first.from_ns is None else first.from_ns
-    step_ns = max(1, (first.until_ns - begin_ns) // LOOKS)
+    step_ns = max(1, (first.until_ns - begin_ns) // SAMPLES)
     behind_ns = max(1, round(MARGIN * (first.until_ns - begin_ns)))
     done = play(range(begin_ns, first.until_ns + behind_ns + step_ns, step_ns))
     times_s = [time_ns / NS_PER_S for time_ns in done.times_ns]
     return done, MotionTrack(view.names, view.unit, times_s, done.positions, done.rates)
 
 
-class _Talk(ABC):
+class _HostPort(ABC):
     """The host's end of a line or bus with one twin."""
 
     simulation: Line | Bus
 
     @abstractmethod
     def send(self, content: Any) -> None:
-        """Say it."""
+        """Send it."""
 
     @abstractmethod
     def received(self) -> list[Any]:
         """What has come since last time."""
 
     def joined(self, parts: list[Any]) -> list[Any]:
-        """What was heard in pieces as what it is."""
+        """The pieces of a reply put together."""
         return parts
 
     @abstractmethod
     def is_complete(self, content: Any, reply: list[Any]) -> bool:
-        """Whether ``reply`` is all that ``content`` is answered; False where only silence tells."""
+        """Whether ``reply`` answers ``content`` in full; False where only silence shows that."""
 
 
-class _OnLine(_Talk):
+class _LinePort(_HostPort):
     """Bytes; the host follows the rate of the twin."""
 
     def __init__(self, setup: TwinSetup) -> None:
@@ -136,7 +135,7 @@ class _OnLine(_Talk):
         self.simulation = self._line
 
     def send(self, content: bytes) -> None:
-        """Say it at the rate that is understood."""
+        """Send it at the rate of the twin."""
         self._line.host_format = self._line.device_format
         self._line.send(content)
 
@@ -154,7 +153,7 @@ class _OnLine(_Talk):
         return self._family.is_whole(b"".join(reply))
 
 
-class _OnBus(_Talk):
+class _BusPort(_HostPort):
     """Frames."""
 
     def __init__(self, setup: TwinSetup) -> None:
@@ -177,40 +176,40 @@ class _OnBus(_Talk):
         return any(self._family.is_reply(content, frame) for frame in reply)
 
 
-class _Player:
-    """Says what is to be said, and looks at the axes at the times of ``grid``."""
+class _MotionPlayer:
+    """Sends the messages, and samples the axes at the times of ``grid``."""
 
-    def __init__(self, talk: _Talk, view: AxisView, grid: range | None) -> None:
-        self._talk = talk
-        self._simulation = talk.simulation
-        controls = talk.simulation.twins[0].controls
+    def __init__(self, port: _HostPort, view: AxisReadout, grid: range | None) -> None:
+        self._port = port
+        self._simulation = port.simulation
+        controls = port.simulation.twins[0].controls
         self._moves, self._place = controls["is_moving"], controls[view.position]
         self._rate = controls[view.rate]
         self._grid = iter(grid or ())
-        self._look_ns = next(self._grid, None)
+        self._sample_ns = next(self._grid, None)
         self._stood_at = self._position()
-        self._said_ns = self._now_ns()
+        self._sent_ns = self._now_ns()
         self.played = PlayedMotion()
 
-    def play(self, sayings: Sequence[Saying], limit_ns: Nanos) -> PlayedMotion:
-        """Say all, and let the axes come to rest, which may take up to ``limit_ns``."""
+    def play(self, messages: Sequence[HostMessage], limit_ns: Nanos) -> PlayedMotion:
+        """Send all, and let the axes come to rest, which may take up to ``limit_ns``."""
         origin_ns, played = self._now_ns(), self.played
-        for saying in sayings:
-            if saying.waits:
+        for message in messages:
+            if message.waits:
                 self._rest(limit_ns)
-            elif saying.at_ns is not None:
-                self._pass_until(origin_ns + saying.at_ns)
+            elif message.at_ns is not None:
+                self._pass_until(origin_ns + message.at_ns)
             self._note_motion()
-            self._said_ns = self._now_ns()
-            self._say(saying)
+            self._sent_ns = self._now_ns()
+            self._send(message)
         self._pass_until(self._now_ns() + _LAST_NS)
         self._note_motion()
         self._rest(limit_ns)
         self._note_motion()
-        self._hear()
+        self._receive()
         played.until_ns, played.is_cut = self._now_ns(), self._is_moving()
-        while self._look_ns is not None:
-            self._pass_until(self._look_ns)
+        while self._sample_ns is not None:
+            self._pass_until(self._sample_ns)
         return played
 
     def _now_ns(self) -> Nanos:
@@ -223,34 +222,34 @@ class _Player:
         return _as_row(self._place.value)
 
     def _note_motion(self) -> None:
-        """What was said last has moved an axis, or does: it is the first that did."""
+        """Whether the last message is the first one that moves an axis."""
         if self.played.from_ns is None and (
             self._is_moving() or self._position() != self._stood_at
         ):
-            self.played.from_ns = self._said_ns
+            self.played.from_ns = self._sent_ns
 
-    def _hear(self) -> bool:
+    def _receive(self) -> bool:
         """Whether more of a reply has come."""
-        heard = self._talk.received()
+        received = self._port.received()
         if self.played.replies:
-            self.played.replies[-1] = self._talk.joined([*self.played.replies[-1], *heard])
-        return bool(heard)
+            self.played.replies[-1] = self._port.joined([*self.played.replies[-1], *received])
+        return bool(received)
 
-    def _say(self, saying: Saying) -> None:
-        """Say one thing, and hear the reply, unless it is said by the clock (rule 2)."""
-        self._hear()
+    def _send(self, message: HostMessage) -> None:
+        """Send one message, and wait for the reply, unless the clock decides (rule 2)."""
+        self._receive()
         self.played.replies.append([])
-        content, talk = saying.content, self._talk
+        content, port = message.content, self._port
         if isinstance(content, float):
             self._pass_until(self._now_ns() + round(content * NS_PER_S))
             return
-        talk.send(content)
-        if saying.at_ns is not None:
+        port.send(content)
+        if message.at_ns is not None:
             return
         until_ns = self._now_ns() + PATIENCE_NS
-        while self._now_ns() < until_ns and not talk.is_complete(content, self.played.replies[-1]):
+        while self._now_ns() < until_ns and not port.is_complete(content, self.played.replies[-1]):
             self._pass_until(self._now_ns() + _STEP_NS)
-            if self._hear():
+            if self._receive():
                 until_ns = self._now_ns() + GAP_NS
 
     def _rest(self, limit_ns: Nanos) -> None:
@@ -258,16 +257,16 @@ class _Player:
         end_ns = self._now_ns() + limit_ns
         while self._is_moving() and (now := self._now_ns()) < end_ns:
             due_ns = self._simulation.next_event_ns() or end_ns
-            self._pass_until(min(max(due_ns, now + 1), now + _LOOK_AGAIN_NS, end_ns))
+            self._pass_until(min(max(due_ns, now + 1), now + _RECHECK_NS, end_ns))
 
     def _pass_until(self, until_ns: Nanos) -> None:
-        """Let time pass, and look meanwhile."""
-        while self._look_ns is not None and self._look_ns <= until_ns:
-            self._simulation.advance_to(self._look_ns)
-            self.played.times_ns.append(self._look_ns)
+        """Let time pass, and take the samples that are due."""
+        while self._sample_ns is not None and self._sample_ns <= until_ns:
+            self._simulation.advance_to(self._sample_ns)
+            self.played.times_ns.append(self._sample_ns)
             self.played.positions.append(self._position())
             self.played.rates.append(_as_row(self._rate.value))
-            self._look_ns = next(self._grid, None)
+            self._sample_ns = next(self._grid, None)
         self._simulation.advance_to(until_ns)
 
 

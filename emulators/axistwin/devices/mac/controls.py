@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from axistwin.devices.controls import AxisView, Control, ControlTable, Kind
+from axistwin.devices.controls import AxisReadout, Control, ControlTable, Kind
 from axistwin.devices.motion_controls import MOTION
 
 
@@ -31,7 +31,7 @@ MAC: Final = ControlTable(
 )
 """For every kind of wire."""
 
-AXIS: Final = AxisView(
+AXIS: Final = AxisReadout(
     names=("axis",),
     unit="increments",
     position="position",

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from axistwin.devices.controls import COMMON, AxisView, Control, ControlTable
+from axistwin.devices.controls import COMMON, AxisReadout, Control, ControlTable
 from axistwin.devices.mn400.inputs import NAMES
 
 FLAGS: Final = ("stop", "pause", "jog", "run")
@@ -131,7 +131,7 @@ MN400: Final = ControlTable(
 )
 """Of every board."""
 
-AXES: Final = AxisView(
+AXES: Final = AxisReadout(
     names=("M1", "M2", "M3", "M4"),
     unit="steps",
     position="counters",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 from axistwin.devices.family import DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.controls import AxisView, ControlTable
+    from axistwin.devices.controls import AxisReadout, ControlTable
     from axistwin.devices.mn400.device import Mn400Board
     from axistwin.devices.switches import Quirk
 
@@ -39,7 +39,7 @@ class Mn400Family(Family):
 
         return MN400
 
-    def axis_view(self) -> "AxisView":
+    def axis_readout(self) -> "AxisReadout":
         """Four counters."""
         from axistwin.devices.mn400.controls import AXES
 

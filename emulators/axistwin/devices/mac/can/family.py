@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from axistwin.devices.family import Carrier, DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.controls import AxisView, ControlTable
+    from axistwin.devices.controls import AxisReadout, ControlTable
     from axistwin.devices.mac.can.device import MacCan
     from axistwin.devices.switches import Quirk
     from axistwin.wire.can_frame import CanFrame
@@ -37,7 +37,7 @@ class MacCanFamily(Family):
 
         return MAC
 
-    def axis_view(self) -> "AxisView":
+    def axis_readout(self) -> "AxisReadout":
         """The counter."""
         from axistwin.devices.mac.controls import AXIS
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 from axistwin.devices.family import DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.controls import AxisView, ControlTable
+    from axistwin.devices.controls import AxisReadout, ControlTable
     from axistwin.devices.mac.serial.device import MacSerial
     from axistwin.devices.switches import Quirk
 
@@ -47,7 +47,7 @@ class MacSerialFamily(Family):
 
         return MAC
 
-    def axis_view(self) -> "AxisView":
+    def axis_readout(self) -> "AxisReadout":
         """The counter."""
         from axistwin.devices.mac.controls import AXIS
 
