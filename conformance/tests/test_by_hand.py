@@ -48,3 +48,11 @@ def test_between_the_requests_is_waited_as_long_as_it_was() -> None:
     ]
     assert again(plain(records), (0, 3, 4)) == ["02 01", "wait 350 ms", "02 02", "02 03"]
     assert again(plain(records), ()) == []
+
+
+def test_an_idle_wait_is_kept_though_short() -> None:
+    """Where a motion runs it matters; what a request that is left out took does not."""
+    sent = [Record(at * MS, Direction.HOST, bytes((2, at))) for at in (0, 19, 38, 50)]
+    assert again(plain(sent), (0, 1)) == ["02 00", "wait 19 ms", "02 13"]
+    assert again(plain(sent), (0, 2)) == ["02 00", "02 26"]
+    assert again(plain(sent), (0, 3)) == ["02 00", "wait 50 ms", "02 32"]

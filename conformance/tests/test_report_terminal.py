@@ -198,3 +198,20 @@ def test_list_and_plan_fit_every_terminal(model: str, width: int) -> None:
         assert f"{check.name}  {'+'.join(check.safety)}" in lines
         assert check.behaviour in words
     assert {one.partition(" ")[0] for one in listed.splitlines()} - {""} == set(plan.requirements)
+
+
+def is_wrong_too(session: Session) -> None:
+    """The same again."""
+    is_wrong(session)
+
+
+def test_failures_of_one_cause_are_one_block(toy: Any) -> None:
+    """The others are named below it, with what they fail; who asks gets them all."""
+    toy.add(is_wrong, "MACS-LINE-01")
+    toy.add(is_wrong_too, "MACS-REPLY-01")
+    text = shown(toy)
+    assert re.findall("^FAIL  (.*)$", text, re.MULTILINE) == ["is_wrong"]
+    assert "also fails, likely by the same cause: is_wrong_too (MACS-REPLY-01)" in text
+    assert "requirements: 0 pass · 2 fail" in text
+    text = shown(toy, is_verbose=True)
+    assert re.findall("^FAIL  (.*)$", text, re.MULTILINE) == ["is_wrong", "is_wrong_too"]
