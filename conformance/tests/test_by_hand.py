@@ -51,8 +51,9 @@ def test_between_the_requests_is_waited_as_long_as_it_was() -> None:
 
 
 def test_an_idle_wait_is_kept_though_short() -> None:
-    """Where a motion runs it matters; what a request that is left out took does not."""
-    sent = [Record(at * MS, Direction.HOST, bytes((2, at))) for at in (0, 19, 38, 50)]
-    assert again(plain(sent), (0, 1)) == ["02 00", "wait 19 ms", "02 13"]
-    assert again(plain(sent), (0, 2)) == ["02 00", "02 26"]
-    assert again(plain(sent), (0, 3)) == ["02 00", "wait 50 ms", "02 32"]
+    """Where a motion runs it matters; the time of a request that is left out does not."""
+    said = ((0, "host"), (19, "host"), (20, "host"), (39, "device"), (40, "host"), (60, "host"))
+    records = [Record(at * MS, Direction(who), bytes((2, at))) for at, who in said]
+    assert again(plain(records), (0, 1)) == ["02 00", "wait 19 ms", "02 13"]
+    assert again(plain(records), (1, 4)) == ["02 13", "02 28"]
+    assert again(plain(records), (1, 5)) == ["02 13", "wait 41 ms", "02 3C"]

@@ -8,7 +8,7 @@ import pytest
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.core.wording import Observation, telling
+from axistwin_conformance.core.wording import Observation, shown_exchange, telling
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.words import answer_words, request_words
 from axistwin_conformance.families.mac.can import codec as can_codec
@@ -237,6 +237,18 @@ def test_the_state_before_the_first_request_is_told() -> None:
     records = [host(0, 0x20), place, host(2, 0x0F, 1), host(4, 0x13, 80), host(6, 0x20), moved]
     told = telling([*records, host(8, 0x18)], in_words, ("acceptance",), "nothing")
     assert told.found == ("20h (position) showed 37 increments",)
+
+
+def test_what_a_stop_has_not_changed_was_so_before_it() -> None:
+    """An exchange that is quoted ends with the first look, not with the last."""
+    digits = "06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 32 35 31 37 03 1A"
+    answers = [Record(n * MS, Direction.DEVICE, bytes.fromhex(digits)) for n in range(9)]
+    moves = [host(0, 0x09, 36), host(1, 0x13, 99)]
+    looks = [host(2, 0x20), answers[3], host(4, 0x18), host(5, 0x20), answers[6], host(7, 0x03)]
+    assert shown_exchange([*moves, *looks], in_words, ("09h",)) == (*moves, *looks[:2])
+    asked_twice = [host(0, 0x20), answers[1], host(2, 0x1F), host(3, 0x20), answers[4]]
+    assert shown_exchange(asked_twice, in_words) == tuple(asked_twice[2:])
+    assert shown_exchange([], in_words) == ()
 
 
 def test_a_bare_byte_has_the_name_that_the_expected_one_has() -> None:

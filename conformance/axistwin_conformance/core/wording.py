@@ -218,10 +218,16 @@ def shown_exchange(
     asked = [act for act in acts if act.exchange.is_query] or acts
     if not asked:
         return ()
-    before = acts[: acts.index(asked[-1])]
+    shown = asked[-1]
+    for act in reversed(acts[: acts.index(shown)]):  # it stood there before it was told to stop
+        is_same = (act.data, act.exchange) == (shown.data, shown.exchange)
+        if not is_same and act.exchange.effect is not Effect.STOP:
+            break
+        shown = act if is_same else shown
+    before = acts[: acts.index(shown)]
     named = [_latest(before, words) for words in causes]
-    led = [*_causes(before, asked[-1]), *(act for act in named if act is not None)]
-    return tuple(records[number] for number in _decisive(led, asked[-1], records))
+    led = [*_causes(before, shown), *(act for act in named if act is not None)]
+    return tuple(records[number] for number in _decisive(led, shown, records))
 
 
 def _clause(clause: str, judged: _Act | None, records: Sequence[Record]) -> str:

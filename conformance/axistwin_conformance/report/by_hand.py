@@ -10,7 +10,6 @@ from axistwin_conformance.base.events import RunStarted
 from axistwin_conformance.base.transcript import Direction
 
 WORTH_A_WAIT_NS: Final = 10_000_000  # less passes between two requests anyway
-LEFT_OUT_NS: Final = 40_000_000  # what a few queries take that are not sent again
 LONG_NS: Final = 1_000_000_000  # no reply takes longer
 
 _BUILT_IN = re.compile(r"built-in twin \((.*)\)")
@@ -31,9 +30,9 @@ def again(records: Sequence[Mapping[str, Any]], numbers: Sequence[int]) -> list[
     free_ns = records[numbers[0]]["time_ns"] if numbers else 0
     for before, number in pairwise((numbers[0] - 1, *numbers) if numbers else ()):
         wait_ns = records[number]["time_ns"] - free_ns
-        between = records[before + 1 : number]
-        is_idle = not any(_is_request(one) for one in between)
-        if wait_ns > (WORTH_A_WAIT_NS if is_idle else LEFT_OUT_NS):
+        left_out = [n for n in range(before + 1, number) if _is_request(records[n])]
+        busy_ns = sum(_answered_ns(records, n) - records[n]["time_ns"] for n in left_out)
+        if wait_ns - busy_ns > WORTH_A_WAIT_NS:
             steps.append(f"wait {wait_ns / 1e6:.0f} ms")
         steps.append(records[number]["data"])
         free_ns = _answered_ns(records, number)
