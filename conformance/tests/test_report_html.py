@@ -330,6 +330,15 @@ def test_failures_of_one_cause_are_folded_into_the_first(report: Report) -> None
     Page(page)
 
 
+def test_of_many_problems_the_last_stand_at_the_top(report: Report) -> None:
+    """They tell the state in which the run has ended; the others are folded, none is lost."""
+    report["finished"]["problems"] = [f"trouble {number}." for number in range(9)]
+    head = render(report).partition("</header>")[0]
+    assert re.findall(r"Problem: trouble (\d)", head) == ["6", "7", "8"]
+    assert "6 earlier problems</summary>" in head
+    assert all(f"trouble {number}." in head for number in range(9))
+
+
 def asks(session: Session) -> None:
     """It answers."""
 

@@ -24,6 +24,7 @@ TIMES: Final = "time in ms: host lines when sending began, device lines at the l
 SHOWN: Final = ("fail", "inconclusive")
 NUMBER: Final = re.compile(r"-?\b[0-9][0-9A-F.]*\b(?!h)")  # not the number of a command
 ALSO: Final = "also fails, likely by the same cause"
+LAST_PROBLEMS: Final = 3  # of a run that are told at once: the state it ended in
 DECISIVE_RECORDS: Final = 3  # of a transcript: they led to the verdict
 
 

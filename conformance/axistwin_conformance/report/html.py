@@ -23,6 +23,7 @@ from axistwin_conformance.base.recording import FOLDER
 from axistwin_conformance.engine.judgement import CONFORMS
 from axistwin_conformance.report.failures import (
     ALSO,
+    LAST_PROBLEMS,
     SHOWN,
     TIMES,
     Failed,
@@ -129,6 +130,8 @@ def render(report: Report) -> str:
         run=report["run"],
         device=report["device"],
         finished=report["finished"],
+        problems=report["finished"]["problems"][-LAST_PROBLEMS:],
+        earlier_problems=report["finished"]["problems"][:-LAST_PROBLEMS],
         headline=HEADLINES[report["finished"]["exit_status"]],
         is_good=report["finished"]["exit_status"] == CONFORMS,
         signs=SIGNS,

@@ -42,7 +42,14 @@ from axistwin_conformance.engine.impact import Impact, allowed_in_vain, impacts
 from axistwin_conformance.engine.judgement import UNREACHABLE
 from axistwin_conformance.engine.plan import Options, Plan
 from axistwin_conformance.report.by_hand import again, send_command
-from axistwin_conformance.report.failures import ALSO, TIMES, Failed, Statement, failed
+from axistwin_conformance.report.failures import (
+    ALSO,
+    LAST_PROBLEMS,
+    TIMES,
+    Failed,
+    Statement,
+    failed,
+)
 from axistwin_conformance.report.json import plain
 from axistwin_conformance.transport.kinds import in_hex
 
@@ -292,7 +299,11 @@ class TerminalReport:
             )
         if event.exit_status != UNREACHABLE:
             self._coverage()
-        for problem in event.problems:
+        shown = event.problems if self._is_verbose else event.problems[-LAST_PROBLEMS:]
+        if earlier := len(event.problems) - len(shown):
+            more = counted(earlier, "earlier problem")
+            self._print(f"problem: {more}: --verbose, --report", style="yellow")
+        for problem in shown:
             self._print(f"problem: {problem}", style="yellow")
         good = event.exit_status == 0
         self._print(event.sentence, style="bold green" if good else "bold red")
