@@ -589,10 +589,10 @@ def failure(
 def earlier(session: Session, switch: str, *causes: str) -> tuple[Record, ...]:
     """The exchange by which the device has shown its reading of a switch, under a note that says
     so; `causes`: see `Observation`.  Nothing if that is not known here."""
-    run = session.run
+    run, reading = session.run, session.run.readings.get(switch)
     records = shown_exchange(run.shown.get(switch, ()), run.family.in_words, causes)
-    if not records:
+    if not records or reading is None:  # several readings explain it
         return ()
-    did = run.ledger.ambiguity_of(switch).in_words(switch, run.readings[switch])
+    did = run.ledger.ambiguity_of(switch).in_words(switch, reading)
     note = f"earlier in this run, the device {did}:"
     return (Record(records[0].time_ns, Direction.NOTE, text=note), *records)
