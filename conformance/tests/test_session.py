@@ -131,7 +131,7 @@ def test_a_second_reading_is_told_with_the_exchange_that_showed_the_first(
     else:
         run.detections["xon_byte"] = Detection("xon_byte", None, "open", ("11h", "13h"))
     later = Session(run, check(LINE)(sample))
-    later.transport.send(b"R")
+    later.target.send(b"R")
     with pytest.raises(Stop):
         later.quirk(LINE, "xon_byte", "1Ah")
     [found] = later.conclude("")
