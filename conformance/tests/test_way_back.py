@@ -149,7 +149,7 @@ def test_an_axis_that_does_not_move_is_not_waited_for() -> None:
 def test_an_axis_that_goes_away_from_home_is_stopped_and_not_sent_again(
     readings: dict[str, str],
 ) -> None:
-    """With a relative 13h, on a machine, each attempt would lead further away."""
+    """A device whose 13h is relative: on a machine each attempt would lead it further away."""
     with a_move_is_relative.plant():
         run = run_on_a_twin()
         run.readings.update(readings)
