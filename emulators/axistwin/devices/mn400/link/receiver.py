@@ -9,17 +9,23 @@ Rules
 3. A packet that is not complete some time after its last byte is given up (MN4-AMB-51).  A byte
    that is complete just when that time is over has come in time.
 4. A character with a bad stop bit is as if it had never been.
+5. With ``mn100_codes`` a byte that opens a packet anew may also end the one before: if what follows
+   is the right sum of all, that packet has two different addresses, or no command.
 """
 
+import re
 from collections.abc import Callable
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from axistwin.devices.mn400.link.packets import ADDRESS_BIT, EVERYBODY
 from axistwin.devices.mn400.quirks import Mn400Quirks
 from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.wire.framing import Chunk
+
+_WHOLE: Final = re.compile(rb"([\x80-\xFF])([\x00-\x7F]+)\1[\x00-\x7F]")
+"""A packet and nothing else, which most of what comes is."""
 
 
 class Flaw(Enum):
@@ -28,6 +34,8 @@ class Flaw(Enum):
     NONE = "nothing"
     TOO_LONG = "it has more characters than the buffer holds"
     CHECKSUM = "its sum is wrong"
+    ADDRESS = "its two addresses differ"
+    NO_COMMAND = "there is nothing between its addresses"
     INCOMPLETE = "it was not completed in time"
 
 
@@ -47,21 +55,22 @@ class Request(NamedTuple):
 class _Frame:
     """What there is of a packet."""
 
-    __slots__ = ("_payload_max", "is_closed", "is_too_long", "opening", "payload", "total")
+    __slots__ = (
+        *("_is_doubtful", "_payload_max", "doubted", "is_closed", "is_too_long"),
+        *("opening", "payload", "total"),
+    )
 
-    def __init__(self, payload_max: int) -> None:
+    def __init__(self, payload_max: int, *, is_doubtful: bool = False) -> None:
         self._payload_max = payload_max
-        self.opening = 0
-        self.payload = bytearray()
-        self.is_closed = self.is_too_long = False
-        self.total = 0
+        self._is_doubtful = is_doubtful
+        self.open(0)
 
     def copy(self) -> "_Frame":
         """The same, apart."""
-        other = _Frame(self._payload_max)
+        other = _Frame(self._payload_max, is_doubtful=self._is_doubtful)
         other.opening, other.payload = self.opening, self.payload[:]
         other.is_closed, other.is_too_long = self.is_closed, self.is_too_long
-        other.total = self.total
+        other.total, other.doubted = self.total, self.doubted
         return other
 
     def open(self, opening: int) -> None:
@@ -69,18 +78,28 @@ class _Frame:
         self.opening = self.total = opening
         self.payload = bytearray()
         self.is_closed = self.is_too_long = False
+        self.doubted: tuple[int, bytes, int] | None = None
+        """Opening, payload and sum of the packet that may end here (rule 5)."""
 
     def take(self, byte: int) -> int | None:
         """One more byte (rule 1); the sum, if that is it."""
         if byte >= ADDRESS_BIT:
             if byte != self.opening or not self.payload or self.is_closed:
+                before = (self.opening, bytes(self.payload), (self.total + byte) & 0x7F)
+                is_doubted = self._is_doubtful and self.opening and not self.is_closed
                 self.open(byte)
+                self.doubted = before if is_doubted else None
             else:
                 self.is_closed = True
                 self.total += byte
-        elif self.is_closed:
+            return None
+        doubted, self.doubted = self.doubted, None
+        if doubted is not None and doubted[2] == byte:
+            self.opening, self.payload = doubted[0], bytearray(doubted[1])
             return byte
-        elif self.opening:
+        if self.is_closed:
+            return byte
+        if self.opening:
             self.total += byte
             if len(self.payload) < self._payload_max:
                 self.payload.append(byte)
@@ -106,7 +125,9 @@ class PacketReceiver:
         self._address = address
         self._ends_raw = ends_raw
         self._timeout_ns = quirks.rx_timeout_ms * NS_PER_MS + skew_ns
-        self._frame = _Frame(quirks.rx_payload_max)
+        self._payload_max = quirks.rx_payload_max
+        self._is_doubtful = quirks.mn100_codes
+        self._frame = _Frame(self._payload_max, is_doubtful=self._is_doubtful)
         self._due = NEVER
 
     def reset(self) -> None:
@@ -130,6 +151,9 @@ class PacketReceiver:
 
     def receive(self, chunk: Chunk) -> list[Request]:
         """Take the bytes of ``chunk``; the packets for this board that are complete now."""
+        if self._is_whole(chunk.data):
+            self._due = NEVER
+            return self._taken_whole(chunk)
         requests = []
         frame, raw = self._frame, self._ends_raw()
         for place, byte in enumerate(chunk.data):
@@ -145,6 +169,25 @@ class PacketReceiver:
         self._due = last_ns + self._timeout_ns if frame.opening else NEVER
         return requests
 
+    def _is_whole(self, data: bytes) -> bool:
+        """Whether ``data`` is a packet and nothing else, whatever the readings."""
+        if self._frame.opening or self._is_doubtful or self._ends_raw():
+            return False
+        return _WHOLE.fullmatch(data) is not None
+
+    def _taken_whole(self, chunk: Chunk) -> list[Request]:
+        """The packet that ``chunk`` is, if it is for this board."""
+        opening, payload = chunk.data[0], chunk.data[1:-2]
+        if not self._concerns(opening):
+            return []
+        flaw = Flaw.NONE
+        if len(payload) > self._payload_max:
+            payload, flaw = payload[: self._payload_max], Flaw.TOO_LONG
+        elif sum(chunk.data[:-1]) & 0x7F != chunk.data[-1]:
+            flaw = Flaw.CHECKSUM
+        at_ns = chunk.arrival_ns(len(chunk.data) - 1)
+        return [Request(at_ns, payload, flaw, opening == ADDRESS_BIT)]
+
     def _concerns(self, opening: int) -> bool:
         return opening & ~ADDRESS_BIT in (EVERYBODY, self._address())
 
@@ -152,7 +195,9 @@ class PacketReceiver:
         """The packet is complete, with ``given`` as its sum."""
         frame = self._frame
         flaw = Flaw.NONE
-        if frame.is_too_long:
+        if not frame.is_closed:
+            flaw = Flaw.ADDRESS if frame.payload else Flaw.NO_COMMAND
+        elif frame.is_too_long:
             flaw = Flaw.TOO_LONG
         elif frame.total & 0x7F != given:
             flaw = Flaw.CHECKSUM
@@ -160,6 +205,8 @@ class PacketReceiver:
 
     def quiet_prefix(self, data: bytes) -> int:
         """How many leading bytes of ``data`` complete no packet for this board."""
+        if self._is_whole(data):
+            return len(data) - self._concerns(data[0])
         frame, raw = self._frame.copy(), self._ends_raw()
         for place, byte in enumerate(data):
             if not frame.opening and byte in raw:

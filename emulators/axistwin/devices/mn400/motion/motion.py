@@ -3,13 +3,21 @@
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter
 
 from axistwin.devices.mn400.motion.pace import Pace
 from axistwin.devices.mn400.motion.paths import MotorStep, PathChain
 from axistwin.devices.mn400.motion.pulses import PulseTrain
 from axistwin.devices.mn400.motion.rules import AXES, MoveSettings, Quad
+from axistwin.devices.mn400.motion.timeline import ONE
 from axistwin.kernel.time import Nanos
+
+NANOSECOND = ONE >> 11
+"""More than any motion moves in a nanosecond: 400 000 ticks/s with a multiplex of 4."""
+
+RATE_STEPS = 8
+"""To either side of an instant, whose mean slope is that of the path there."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +52,7 @@ class VectorMotion:
 
     # What it answers
 
-    @property
+    @cached_property
     def end_ns(self) -> Nanos | None:
         """When it is over; None: not as planned now."""
         if not self.paces:
@@ -69,7 +77,8 @@ class VectorMotion:
 
     def position_at(self, now_ns: Nanos) -> Quad:
         """The displacement so far, in steps."""
-        return _quad(lambda axis: self._displacement(axis, self._taken(axis, now_ns)))
+        counts, x = self._displacement, self._x_at(now_ns)
+        return _quad(lambda axis: counts(axis, self._taken(axis, now_ns, x)))
 
     def remaining_at(self, now_ns: Nanos) -> Quad:
         """Commanded steps that are left, net and signed."""
@@ -97,6 +106,19 @@ class VectorMotion:
     def phantom_at(self, now_ns: Nanos) -> int:
         """Ticks of commanded moves of more than one axis so far (MN4-MEA-01)."""
         return self.chain.phantoms(self._x_at(now_ns))
+
+    def rates_at(self, now_ns: Nanos) -> tuple[float, ...]:
+        """Steps per second of each axis, with the sign of its direction, compensation included.
+
+        The speed along the path now, times the mean slope of some steps around: the steps of a
+        minor axis do not come evenly.
+        """
+        x, speed = self._x_at(now_ns), 0
+        for pace in self.paces:
+            if pace.start_ns is None or pace.start_ns > now_ns:
+                break
+            speed = pace.speed_at(now_ns)
+        return tuple(self._rate(axis, now_ns, x, speed) for axis in AXES)
 
     def headings_at(self, now_ns: Nanos) -> Quad:
         """The direction of each axis' next step, be its pulse known or not; 0: none comes."""
@@ -219,18 +241,29 @@ class VectorMotion:
             x = max(x, pace.x_at(now_ns))
         return x
 
-    def _taken(self, axis: int, now_ns: Nanos) -> int:
-        """How many steps of ``axis`` have been made by ``now_ns``, compensation included."""
-        made = self.chain.taken(axis, self.known_from)
-        n = max(made, self.chain.taken(axis, self._x_at(now_ns)))
+    def _taken(self, axis: int, now_ns: Nanos, x: int | None = None) -> int:
+        """How many steps of ``axis`` have been made by ``now_ns``, compensation included.
+
+        x: where the motion is then, if that is known.
+        """
+        chain = self.chain
+        x = self._x_at(now_ns) if x is None else x
+        made = chain.taken(axis, self.known_from)
+        n = max(made, chain.taken(axis, x + NANOSECOND))
+        if n > made and chain.taken(axis, x - NANOSECOND) < n:
+            n = self._taken_near(axis, now_ns, max(made, chain.taken(axis, x)), made)
+        last = self.halted_at[axis]
+        return n if last is None else min(n, last)
+
+    def _taken_near(self, axis: int, now_ns: Nanos, n: int, made: int) -> int:
+        """How many of about ``n`` steps, of which ``made`` are known, have been made."""
         total = self.chain.total(axis)
         # A step counts at the nanosecond nearest to it, so x may be half of one before it.
         while n < total and (at_ns := self._time_of(axis, n + 1)) is not None and at_ns <= now_ns:
             n += 1
         while n > made and (at_ns := self._time_of(axis, n)) is not None and at_ns > now_ns:
             n -= 1
-        last = self.halted_at[axis]
-        return n if last is None else min(n, last)
+        return n
 
     def _time_of(self, axis: int, n: int) -> Nanos | None:
         """When step ``n`` of ``axis``, compensation included, comes."""
@@ -260,6 +293,12 @@ class VectorMotion:
         if stands and self._time_of(axis, n) is None:
             return 0
         return self.chain.step(axis, n)[0]
+
+    def _rate(self, axis: int, now_ns: Nanos, x: int, speed: int) -> float:
+        following = self._taken(axis, now_ns) + 1
+        if not speed or self._is_beyond_halt(axis, following):
+            return 0.0
+        return speed * self.chain.slope(axis, following, x, RATE_STEPS)
 
     def _memory(self, axis: int, taken: int) -> int:
         if not self.chain.total(axis):

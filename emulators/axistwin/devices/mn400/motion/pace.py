@@ -24,7 +24,7 @@ from axistwin.devices.mn400.motion.timeline import FINE, ONE, Piece, Timeline
 from axistwin.kernel.time import Nanos
 
 NEAR = ONE >> 16
-"""A stop so near before the end is at the end; a speed so near to start speed is that."""
+"""A stop so near before a tick is at the tick; a speed so near to start speed is that."""
 
 
 class Pace(Protocol):
@@ -55,6 +55,9 @@ class Pace(Protocol):
 
     def x_at(self, now_ns: Nanos) -> int:
         """Where the motion is."""
+
+    def speed_at(self, now_ns: Nanos) -> int:
+        """How much of x it drives in a second."""
 
     def starting(self, start_ns: Nanos | None) -> "Pace":
         """The same pace with that start."""
@@ -133,6 +136,10 @@ class TimedPace:
         """Where the motion is."""
         return self._state_at(now_ns)[0]
 
+    def speed_at(self, now_ns: Nanos) -> int:
+        """The speed of the timeline."""
+        return self._state_at(now_ns)[1]
+
     def starting(self, start_ns: Nanos | None) -> "TimedPace":
         """The same pace with that start."""
         return replace(self, start_ns=start_ns)
@@ -199,9 +206,11 @@ class TimedPace:
         return self._timeline(x, pieces)
 
     def _timeline(self, x: int, pieces: list[Piece]) -> Timeline:
-        """The timeline of ``pieces``, at the end if it is that near."""
+        """The timeline of ``pieces``; at the end, or behind a ramp at a tick, if it is near."""
         timeline = Timeline.of(x, pieces)
         missing = self.x1 - timeline.x1
+        if pieces and missing > 0:
+            missing = min(missing, -timeline.x1 % ONE)
         if not 0 < missing < NEAR:
             return timeline
         distance, v0, v1 = pieces[-1] if pieces else Piece(0, ONE, ONE)
@@ -308,6 +317,14 @@ class PulsedPace:
         if self.start_ns is None or now_ns < self.start_ns:
             return self.x0 + (self.used_before << FINE)
         return min(self.x1, self.x0 + (self._at(now_ns).used << FINE))
+
+    def speed_at(self, now_ns: Nanos) -> int:
+        """That of the train, from the first pulse that is used to the last."""
+        first_ns, end_ns = self.time_of(self.x0 + ONE), self.end_ns
+        if self.train is None or first_ns is None or end_ns is None:
+            return 0
+        is_driven = first_ns <= now_ns < end_ns
+        return (self.train.rate_millihertz << FINE) // 1000 if is_driven else 0
 
     def starting(self, start_ns: Nanos | None) -> "PulsedPace":
         """The same pace with that start."""
