@@ -53,7 +53,8 @@ class VectorMotion(PlannedMotion):
     def span(self) -> Span:
         """Compensation and move; less by a step where steps come early (MN4-AMB-71)."""
         lost, plan = self.before.plan.seconds, self.move.plan
-        return lost + plan.last_step_time(is_early=self.is_early), lost + plan.seconds
+        is_early = self.is_early or self.move.is_phased
+        return lost + plan.last_step_time(is_early=is_early), lost + plan.seconds
 
     def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
         """No axis counts during the compensation (MN4-BKL-03)."""
