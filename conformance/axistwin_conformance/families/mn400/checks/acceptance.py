@@ -22,7 +22,7 @@ from axistwin_conformance.families.mn400.checks.queue import slow_board
 from axistwin_conformance.families.mn400.client import BoardExchange
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.model.states import BoardState, CellOutcome, state_table
-from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
+from axistwin_conformance.families.mn400.motion.board_motion import MOTION
 
 ORDER = 140
 
@@ -76,9 +76,9 @@ class StateRow:
             is_right = len(exchange.codes) == 1 and exchange.codes[0] in REPEATS
             self.session.expect(is_right, self.other, "one packet", exchange, "to &")
             return True
-        if rule := rule_of(text):
-            if rule.form is ReplyForm.LISTING and self._is_listing(exchange):
-                return True
+        rule = rule_of(text)
+        if rule and rule.form is ReplyForm.LISTING and self._is_listing(exchange):
+            return True
         if not self.driver.fits(text, exchange, expected):
             return False
         if exchange.codes[-1:] == ("DONE",) or text == "K":

@@ -19,7 +19,9 @@ MOST_QUEUED: Final = 200  # commands; a queue that takes more is not looked for
 PRESENT: Final = ("START", "PRESENT")
 
 
-def slow_board(session: Session, seconds: int = MOVE_S, steps: int = STEPS) -> tuple[BoardMotion, int]:
+def slow_board(
+    session: Session, seconds: int = MOVE_S, steps: int = STEPS
+) -> tuple[BoardMotion, int]:
     """A board that is ready for moves of so many steps (or as many as there is room for), each of
     which takes so long; and the steps."""
     motion = BoardMotion(BoardDriver(session))
@@ -28,43 +30,16 @@ def slow_board(session: Session, seconds: int = MOVE_S, steps: int = STEPS) -> t
     return motion, steps
 
 
-@check("MN4-RSP-05", "MN4-RSP-06", safety=MOTION)
-def moves_are_answered_at_once_and_queued(session: Session) -> None:
-    """DONE comes long before a move ends, to it and to one behind it; then both have run."""
-    motion, steps = slow_board(session)
-    limit_s = REPLY_LIMIT_S + session.target.uncertainty_ns / 1e9
-    for text, name in ((f"M{steps}", "MN4-RSP-05"), (f"M,{steps}", "MN4-RSP-06")):
-        exchange = motion.do(text, name)
-        took_s = (exchange.done_ns - exchange.asked_ns) / 1e9
-        told = f"DONE within {limit_s:.2f} s"
-        session.expect(took_s <= limit_s, "MN4-RSP-05", told, f"{took_s:.3f} s", f"to {text}")
-    motion.follow("MN4-RSP-06", samples=8)
-
-
-@check("MN4-RSP-15", "MN4-STM-02", safety=MOTION)
+@check("MN4-RSP-15", safety=MOTION)
 def a_position_is_of_one_instant(session: Session) -> None:
     """Of two axes that go the same way no reading shows one behind the other, or going back."""
     motion, steps = slow_board(session)
-    motion.do(f"M{steps},{steps},,{-steps}", "MN4-STM-02")
-    rows = motion.follow("MN4-STM-02", samples=12)
+    motion.set(f"M{steps},{steps},,{-steps}")
+    rows = motion.follow("MN4-RSP-15", samples=12)
     is_one = all(row[0] == row[1] == -row[3] for row in rows)
     motion.driver.tells(is_one, "MN4-RSP-15", "axes 1, 2 and 4 as far as one another", rows)
     firsts = [row[0] for row in rows]
     motion.driver.tells(firsts == sorted(firsts), "MN4-RSP-15", "no way back", firsts)
-
-
-@check("MN4-STM-01", "MN4-CMD-V-05", "MN4-CMD-F-03", safety=MOTION)
-def a_setting_of_the_queue_is_of_the_moves_behind_it(session: Session) -> None:
-    """Speed and profile sent while a move runs leave it as it is, and hold for the next ones; all
-    run in the order in which they came."""
-    motion, steps = slow_board(session)
-    motion.do(f"M{steps}", "MN4-STM-01")
-    motion.do(f"V{motion.fast(800)}", "MN4-CMD-V-05")
-    motion.do(f"M,{steps}", "MN4-STM-01")
-    start, end = motion.fast(200), motion.fast(800)
-    motion.do(f"F{start},{end},400", "MN4-CMD-F-03")
-    motion.do(f"M{-steps}", "MN4-STM-01")
-    motion.follow("MN4-STM-01", time=("MN4-STM-01", "MN4-CMD-V-05", "MN4-CMD-F-03"), samples=16)
 
 
 @check("MN4-STM-01", safety=MOTION)
@@ -79,25 +54,12 @@ def counters_are_loaded_in_their_turn(session: Session) -> None:
     motion.driver.follows("queue_modal", "true" if position[0] == 0 else "false", "MN4-STM-01")
 
 
-@check("MN4-STM-01", "MN4-CMD-I-04", safety=MOTION)
-def a_queued_move_has_the_mode_of_its_arrival(session: Session) -> None:
-    """Absolute behind relative and relative behind absolute, all sent while the first one runs."""
-    motion, steps = slow_board(session, steps=STEPS // 2)
-    half = steps // 2
-    motion.do(f"M{steps}", "MN4-STM-01")
-    motion.do(motion.mode(is_absolute=True), "MN4-STM-01")
-    motion.do(f"M{half},{half}", "MN4-CMD-I-04")
-    motion.do(motion.mode(is_absolute=False), "MN4-STM-01")
-    motion.do(f"M{half}", "MN4-CMD-I-04")
-    motion.follow("MN4-STM-01", "MN4-CMD-I-04", samples=12)
-
-
-@check("MN4-STM-02", "MN4-RSP-05", safety=MOTION)
+@check("MN4-STM-02", safety=MOTION)
 def in_motion_reads_are_answered_at_once(session: Session) -> None:
     """Every read, poll and repetition in motion, within the time of a reply; the move goes on."""
     motion, steps = slow_board(session, 4)
     driver = motion.driver
-    motion.do(f"M{steps}", "MN4-RSP-05")
+    motion.set(f"M{steps}")
     limit_s = REPLY_LIMIT_S + session.target.uncertainty_ns / 1e9
     for text in ("E", "N", "S", "/", "?", "[", ":", "*", "&"):
         wanted = PRESENT if text == "*" else ("PRESENT",) if text == "&" else DATA
@@ -145,26 +107,6 @@ def a_full_queue_is_told(session: Session) -> None:
     motion.stays("MN4-STM-03")
 
 
-@check("MN4-CMD-Q-01", "MN4-CMD-Q-02", safety=MOTION)
-def quit_ends_the_move_and_the_queue(session: Session) -> None:
-    """Q in motion answers START and DONE; then all motors stand, what was queued is forgotten, and
-    the next move begins where they stand."""
-    motion, steps = slow_board(session)
-    driver = motion.driver
-    motion.do(f"M{steps}", "MN4-CMD-Q-01")
-    motion.do(f"M,{steps}", "MN4-CMD-Q-01")
-    driver.target.wait(MOVE_S / 2)
-    motion.do("Q", "MN4-CMD-Q-01")
-    driver.target.wait(float(MOVE_S))
-    position = driver.position()
-    session.expect(position[0] < steps, "MN4-CMD-Q-01", f"less than {steps}", position)
-    is_flushed = position[1] == 0
-    driver.follows("quit_flushes_queue", "true" if is_flushed else "false", "MN4-CMD-Q-02")
-    motion.rest()
-    motion.stays("MN4-CMD-Q-01")
-    motion.run(f"M{-steps // 2}", "MN4-CMD-Q-01", end="MN4-CMD-Q-02")
-
-
 @check("MN4-CMD-RTX-03", safety=MOTION)
 def a_repetition_repeats_and_carries_nothing_out(session: Session) -> None:
     """& behind E tells twice what E told, though the axis has gone on; & behind M moves nothing."""
@@ -184,29 +126,19 @@ def a_repetition_repeats_and_carries_nothing_out(session: Session) -> None:
     motion.follow("MN4-CMD-RTX-03")
 
 
-@check("MN4-CMD-SW-02", "MN4-CMD-SW-01", safety=MOTION)
-def the_flags_tell_of_a_pause_and_of_an_abort(session: Session) -> None:
-    """PauseFlag and PauseState are 1 from { to }, and no other time; AbortFlag is 1 after Q, until
-    the next move or |."""
+@check("MN4-CMD-SW-01", safety=MOTION)
+def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
+    """AbortFlag is 1 after Q has ended a move, 0 after | and behind the next move."""
     motion, steps = slow_board(session)
-    driver = motion.driver
-    motion.do(f"M{steps}", "MN4-CMD-SW-02")
-    _pause_flags(motion, 0, "in motion")
-    for _ in range(2):
-        motion.do("{", "MN4-CMD-SW-02")
-        _pause_flags(motion, 1, "after {")
-        motion.do("}", "MN4-CMD-SW-02")
-        _pause_flags(motion, 0, "after }")
-    motion.do("Q", "MN4-CMD-SW-01")
-    first, second = (driver.flags()["AbortFlag"] for _ in range(2))
-    session.expect(first == 1, "MN4-CMD-SW-01", 1, first, "AbortFlag after Q")
-    driver.follows("abort_flag_clear", "next_or_clear" if second else "read", "MN4-CMD-SW-01")
-    motion.do("|", "MN4-CMD-SW-01")
-    flag = driver.flags()["AbortFlag"]
-    session.expect(flag == 0, "MN4-CMD-SW-01", 0, flag, "AbortFlag after |")
-
-
-def _pause_flags(motion: BoardMotion, wanted: int, when: str) -> None:
-    flags = motion.driver.flags()
-    seen = [flags["PauseFlag"], flags["PauseState"]]
-    motion.session.expect(seen == [wanted] * 2, "MN4-CMD-SW-02", [[wanted] * 2], seen, when)
+    for ends in (("|",), (f"M{steps}",)):
+        motion.set(f"M{steps}")
+        motion.do("Q", "MN4-CMD-SW-01")
+        first, second = (motion.driver.flags()["AbortFlag"] for _ in range(2))
+        session.expect(first == 1, "MN4-CMD-SW-01", 1, first, "AbortFlag after Q")
+        seen = "next_or_clear" if second else "read"
+        motion.driver.follows("abort_flag_clear", seen, "MN4-CMD-SW-01")
+        for text in ends:
+            motion.do(text, "MN4-CMD-SW-01")
+        flag = motion.driver.flags()["AbortFlag"]
+        session.expect(flag == 0, "MN4-CMD-SW-01", 0, flag, f"AbortFlag behind {ends[0]}")
+        motion.follow("MN4-CMD-SW-01")
