@@ -118,7 +118,7 @@ class BoardMotion:
             last -= sizes[-1] * byte_ns if exchange.value is not None else 0
         return Fraction(first, NS), Fraction(last, NS)
 
-    def _slack(self, now: Span) -> Span:
+    def widened(self, now: Span) -> Span:
         """The same, wider by what a real board's clock may be off."""
         if self.target.is_virtual:
             return now
@@ -165,7 +165,7 @@ class BoardMotion:
     def look(self, requirement: Requirements) -> tuple[int, ...]:
         """Judge that the axes are where they may be now; give the counters."""
         counters, now = self.read()
-        place = self.model.where(self._slack(now))
+        place = self.model.where(self.widened(now))
         self._plot(counters, now, place)
         is_right = all(low <= one <= high for one, (low, high) in zip(counters, place, strict=True))
         self.session.expect(is_right, requirement, told(place), counters, "read by E")
@@ -205,7 +205,7 @@ class BoardMotion:
     def _judge_early(self, time: Requirements) -> None:
         """Judge that a motion that cannot be over is not."""
         counters, now = self.read()
-        place = self.model.where(self._slack(now))
+        place = self.model.where(self.widened(now))
         is_over = inside(counters, self.end) and not inside(counters, place)
         told_end = f"not yet at {told(self.end)}"
         self.session.expect(not is_over, time, told_end, counters, "read just before it may end")
@@ -239,6 +239,17 @@ class BoardMotion:
         self.do(text, reply)
         return self.follow(path or reply, end or path or reply, time or path or reply, samples)
 
+    def lasts(self) -> Span:
+        """Look at the axes until they are at the end; the least and the most time (s) since the
+        motion was asked for."""
+        began = last = Fraction(self._began_ns, NS)
+        until = self.ends[1] + LATE_S + (self.ends[1] - began)
+        while True:
+            counters, now = self.read()
+            if inside(counters, self.end) or now[0] > until:
+                return last - began, now[1] - began
+            last = now[0]
+
     def stays(self, requirement: Requirements, seconds: float = 0.3) -> tuple[int, ...]:
         """Judge that no axis moves for so long; give the counters."""
         before, _ = self.read()
@@ -252,6 +263,10 @@ class BoardMotion:
         counters = wait_for_rest(self.driver)
         self.model.observe(counters)
         return counters
+
+    def rest_paused(self) -> tuple[int, ...]:
+        """The same in a pause: the motion is not over."""
+        return wait_for_rest(self.driver)
 
     def _plot(self, counters: Sequence[int], now: Span, place: Place) -> None:
         """Keep a reading of the axis that goes farthest, for the report."""
