@@ -436,11 +436,11 @@ class BoardModel:
         left_out = (0, 0) if self.reading("omitted_param") == "zero" else None
         pairs = zip(self.timeline.end, command.values, strict=True)
         place: Place = tuple((left_out or was) if one is None else (one, one) for was, one in pairs)
-        if not self.timeline.motions:
-            self.timeline.place = place
+        rows = self.timeline.motions or self.timeline.held
+        if rows:  # behind what is paused, too
+            rows[-1] = replace(rows[-1], end=place)
         else:
-            last = self.timeline.motions[-1]
-            self.timeline.motions[-1] = replace(last, end=place)
+            self.timeline.place = place
 
     def _pause(self, now: Span) -> None:
         """At rest it does nothing and is not kept (MN4-CMD-PAU-04)."""
