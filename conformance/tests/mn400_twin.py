@@ -114,12 +114,15 @@ class ShaftWatch(AlteredTwin):
     def __init__(self, hears: Hears | None = None) -> None:
         super().__init__(hears)
         self.place, self.lowest, self.highest = [0] * 4, [0] * 4, [0] * 4
-        self._counters, self._pulses = [0] * 4, [0] * 4
+        self._counters, self._pulses, self._is_loading = [0] * 4, [0] * 4, False
 
     def write(self, data: bytes) -> int:
         """Look before anything can be carried out."""
         self._look()
-        return super().write(data)
+        written = super().write(data)
+        letter = self.sent[-1][:1].upper() if self.sent else ""
+        self._is_loading = letter == "L" or (self._is_loading and letter not in "MA+T}K")
+        return written
 
     def read(self, size: int = 1) -> bytes:
         """Look whenever time has passed."""
@@ -133,7 +136,7 @@ class ShaftWatch(AlteredTwin):
         for axis in range(4):
             made = pulses[axis] - self._pulses[axis]
             moved = counters[axis] - self._counters[axis]
-            if abs(moved) > made:  # a counter was loaded meanwhile
+            if self._is_loading:  # the counter may have been loaded meanwhile
                 is_low = not controls[f"directions.{axis + 1}"].value
                 moved = made if is_low else -made
             self.place[axis] += moved

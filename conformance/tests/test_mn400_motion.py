@@ -153,6 +153,7 @@ OPEN: dict[str, Make] = {
 }
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_twin_fails(name: str) -> None:
     """By the requirement that it breaks, among others perhaps."""
@@ -160,6 +161,7 @@ def test_a_wrong_twin_fails(name: str) -> None:
     assert requirement in failures(CHECKS[name], make())
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize("name", OPEN)
 def test_another_choice_than_the_usual_is_told(name: str) -> None:
     """And nothing fails by it."""
@@ -198,6 +200,7 @@ READINGS = [
 ]
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize(
     ("probe", "reading"), READINGS, ids=[f"{one.switch}={reading}" for one, reading in READINGS]
 )

@@ -291,6 +291,7 @@ def run_within(port: ShaftWatch, name: str, travel: int) -> tuple[Session, tuple
     return session, FAMILY.restore(session, memory)
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize("travel", [3000, 700])
 @pytest.mark.parametrize("name", [name for name in MOVING if name != "counters_go_round"])
 def test_a_check_stays_inside_and_goes_home(name: str, travel: int) -> None:
