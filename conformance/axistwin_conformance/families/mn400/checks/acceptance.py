@@ -20,6 +20,7 @@ from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.hold import hold_text
 from axistwin_conformance.families.mn400.checks.queue import slow_board
 from axistwin_conformance.families.mn400.client import BoardExchange
+from axistwin_conformance.families.mn400.driver import DATA
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.model.states import BoardState, CellOutcome, state_table
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION
@@ -28,6 +29,7 @@ ORDER = 140
 
 STATE_S: Final = 20  # for which a motion lasts that no command ends
 STEPS: Final = 400
+SETTLED_S: Final = 0.6  # by which a state that was entered would show
 # Commands as they are sent in every state; what moves goes a few steps.
 TEXTS: Final = (
     "/", "?", "S", "N", "E", "[", ":", "*", "&", "K", "|", "X1", "B0,0,0,0", "D1,1,1,1",
@@ -81,9 +83,25 @@ class StateRow:
             return True
         if not self.driver.fits(text, exchange, expected):
             return False
-        if exchange.codes[-1:] == ("DONE",) or text == "K":
+        if exchange.codes[-1:] == ("DONE",) or text == "K" or self._is_kept(text):
             model.accept(text, span)
-        return model.states(self.motion.span(exchange)) == {self.state}
+        is_same = model.states(span) == {self.state}
+        if not is_same:
+            self._judge_entered(text)
+        return is_same
+
+    def _judge_entered(self, text: str) -> None:
+        """Judge that a command that leads to another state has led there: ? draws what it draws
+        there, and the axes are where they are to be."""
+        self.driver.target.wait(SETTLED_S)
+        exchange = self.driver.ask("?")
+        expected = self.motion.model.expect("?", self.motion.span(exchange))
+        is_right = exchange.codes in expected.replies
+        told = sorted(" and ".join(reply) for reply in expected.replies)
+        name = self._requirement(text)
+        self.session.expect(is_right, name, told, exchange, f"to ? behind {text}")
+        if exchange.codes == DATA:
+            self.motion.look(name)
 
     @staticmethod
     def _is_listing(exchange: BoardExchange) -> bool:
@@ -95,6 +113,10 @@ class StateRow:
         cell = state_table().get((text[:1].upper(), self.state))
         waits = (CellOutcome.QUEUED, CellOutcome.PENDING, CellOutcome.BUFFERED)
         return self.waiting if cell and cell.outcome in waits else self.other
+
+    def _is_kept(self, text: str) -> bool:
+        cell = state_table().get((text[:1].upper(), self.state))
+        return cell is not None and cell.outcome is CellOutcome.PENDING
 
     def _trace(self) -> None:
         """Judge that the axes are where what was accepted leads them."""
@@ -110,7 +132,8 @@ class StateRow:
 
     def _leave(self) -> None:
         """End whatever may be going on, pending or entered, in any reading."""
-        for text in ("Q", "K", "Q", "J0"):
+        takes = self.driver.reading("hold_takes_arg") == "true"
+        for text in ("Q", "K", "Q", *(["H0"] if takes else []), "J0"):
             self.driver.ask(text)
 
 

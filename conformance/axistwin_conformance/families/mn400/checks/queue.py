@@ -15,6 +15,7 @@ ORDER = 120  # of this module in a run; see `Family.modules`
 
 STEPS: Final = 400  # of a move that is looked at while it runs
 MOVE_S: Final = 2
+LOOKS: Final = 12
 MOST_QUEUED: Final = 200  # commands; a queue that takes more is not looked for
 PRESENT: Final = ("START", "PRESENT")
 
@@ -32,14 +33,18 @@ def slow_board(
 
 @check("MN4-RSP-15", safety=MOTION)
 def a_position_is_of_one_instant(session: Session) -> None:
-    """Of two axes that go the same way no reading shows one behind the other, or going back."""
+    """Of axes that go equally far no reading shows one behind the other, nor any going back."""
     motion, steps = slow_board(session)
     motion.set(f"M{steps},{steps},,{-steps}")
-    rows = motion.follow("MN4-RSP-15", samples=12)
+    rows = []
+    for _ in range(LOOKS):
+        session.target.wait(MOVE_S / LOOKS)
+        rows.append(motion.driver.position())
     is_one = all(row[0] == row[1] == -row[3] for row in rows)
     motion.driver.tells(is_one, "MN4-RSP-15", "axes 1, 2 and 4 as far as one another", rows)
     firsts = [row[0] for row in rows]
     motion.driver.tells(firsts == sorted(firsts), "MN4-RSP-15", "no way back", firsts)
+    motion.rest()
 
 
 @check("MN4-STM-01", safety=MOTION)

@@ -92,7 +92,7 @@ class BoardModel:
         self.reading = reading
         self.settings = power_on(reading) if settings is None else settings
         self.timeline = MotionTimeline()
-        self.pending: ParsedCommand | None = None
+        self.pending: ParsedCommand | PlannedMotion | None = None
         self.contour: ContourEntry | None = None
         self.entry: BoardState | None = None  # PRG or CFG
         self.lines: list[str] = []  # of the entry
@@ -168,8 +168,12 @@ class BoardModel:
         """The states by which a command is judged: with hold on, what asks for motion is kept even
         while a released motion runs."""
         states = self.states(now)
-        keeps = self.settings.holds and letter in MOTIONS and BoardState.HPD not in states
+        keeps = self._keeps(letter) and BoardState.HPD not in states
         return frozenset({BoardState.HLD}) if keeps and not states & {BoardState.CCB} else states
+
+    def _keeps(self, letter: str) -> bool:
+        """True if hold keeps that command now (MN4-AMB-18)."""
+        return self.settings.holds and letter in self.reading("hold_scope")
 
     def _of_state(self, letter: str, text: str, state: BoardState) -> Expectation:
         cell = self._cell(letter, state)
@@ -187,6 +191,8 @@ class BoardModel:
 
     def _cell(self, letter: str, state: BoardState) -> StateCell:
         """The cell of the table, in the reading of this board (MN4-AMB-16)."""
+        if state is BoardState.HLD and letter in MOTIONS and not self._keeps(letter):
+            state = BoardState.RDY
         cell = state_table()[letter, state]
         exempt = self.reading("movepending_exempt").replace("&", "")
         if state is BoardState.HPD and letter in exempt and letter != "K":
@@ -309,8 +315,10 @@ class BoardModel:
             self._take_segment(command, now)
         elif letter == "K":
             self._release(now)
+        elif self._keeps(letter) and (letter in MOTIONS or letter in _ENTERING):
+            self.pending = command
         elif letter in MOTIONS:
-            self._move(command, now)
+            self._run(self._motion(command), now)
         elif letter == "L":
             self._load(command)
         elif letter in _ENTERING:
@@ -341,7 +349,11 @@ class BoardModel:
         elif command.letter == ")":
             self.contour = None
             self.settings = replace(self.settings, speed=entry.speed)  # MN4-CMD-CC-07
-            self._run(self._contour_motion(entry), now)
+            motion = self._contour_motion(entry)
+            if self._keeps(")") and motion is not None:
+                self.pending = motion
+            else:
+                self._run(motion, now)
         elif command.letter == "Q":
             self.contour = None
             if self.reading("quit_in_entry") == "both":
@@ -375,12 +387,6 @@ class BoardModel:
     @property
     def _is_early(self) -> bool:
         return self.reading("step_phase") == "start"
-
-    def _move(self, command: ParsedCommand, now: Span) -> None:
-        if self.settings.holds:
-            self.pending = command
-            return
-        self._run(self._motion(command), now)
 
     def _motion(self, command: ParsedCommand) -> PlannedMotion:
         """What a motion command asks for, with the settings in force (MN4-STM-07)."""
@@ -425,11 +431,17 @@ class BoardModel:
             self.timeline.add(motion, now)
 
     def _release(self, now: Span) -> None:
-        if self.pending is not None:
-            command, self.pending = self.pending, None
-            self._run(self._motion(command), now)
-            if self.reading("hold_after_release") == "one_shot":
-                self.settings = replace(self.settings, holds=False)
+        held, self.pending = self.pending, None
+        if held is None:
+            return
+        if isinstance(held, PlannedMotion):
+            self._run(held, now)
+        elif held.letter in MOTIONS:
+            self._run(self._motion(held), now)
+        else:
+            _ENTERING[held.letter](self, held)
+        if self.reading("hold_after_release") == "one_shot":
+            self.settings = replace(self.settings, holds=False)
 
     def _load(self, command: ParsedCommand) -> None:
         """Counters from here on; those of motions that still run come before it in the queue."""
@@ -460,6 +472,7 @@ class BoardModel:
     def _quit(self, now: Span) -> None:
         self.was_aborted = self.timeline.may_run(now) or self.is_paused or self.is_running
         self.is_paused = self.is_running = False
+        self.pending = None  # only a board that serves Q meanwhile comes here (MN4-AMB-16)
         self.timeline.stop(now)
 
     # --- what it tells ----------------------------------------------------------------------------
