@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 import pytest
 from mn400_board import LEDGER
-from mn400_twin import AlteredTwin, Says, judged, session_of
+from mn400_twin import AlteredTwin, judged, session_of
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.verdicts import Verdict
