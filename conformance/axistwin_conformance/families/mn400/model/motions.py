@@ -176,7 +176,7 @@ class RestOfMotion(PlannedMotion):
     def __init__(self, whole: PlannedMotion, base: Place) -> None:
         self.displacements = whole.displacements
         most = whole.span[1]
-        self.box = (
+        self.box: Place = (
             whole.box
             if isinstance(whole, RestOfMotion)
             else (base if most >= ENDLESS else added(base, whole.windows(Fraction(0), most)))
