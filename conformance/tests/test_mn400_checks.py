@@ -17,7 +17,8 @@ from axistwin_conformance.families.mn400.board_family import Mn400
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.grammar import ParsedCommand, Refusal
 
-CHECKS = {one.name: one for one in Mn400().checks()}
+# The small board does not move.
+CHECKS = {one.name: one for one in Mn400().checks() if one.danger == 0}
 Plant = Callable[[SmallBoard], None]
 
 

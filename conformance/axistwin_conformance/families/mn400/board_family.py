@@ -14,6 +14,7 @@ from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.families.mn400 import codec, lenient, safety, snapshot, words
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
+from axistwin_conformance.families.mn400.programs import NOT_READABLE
 from axistwin_conformance.families.mn400.snapshot import BoardSnapshot
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
@@ -33,7 +34,8 @@ class Mn400(Family):
     impact: ClassVar = {
         "motion": "moves axes, switches outputs, changes modal settings",
         "stored": "replaces the stored program (Z)",
-        "destructive": "changes address, rate and the configuration program (=, ~, .)",
+        "destructive": "changes address, rate and the configuration program (=, ~, .);"
+        f" {NOT_READABLE}",
         "end": "modal settings that were changed are put back to those of power-on",
     }
 
@@ -82,12 +84,16 @@ class Mn400(Family):
         return snapshot.restore(session, memory)
 
     def kept(self, memory: BoardSnapshot) -> Mapping[str, Any]:
-        """Counters and feed hold."""
+        """Counters, feed hold and the stored program."""
         return memory.as_object()
 
     def memory_of(self, held: Mapping[str, Any]) -> BoardSnapshot:
         """See `BoardSnapshot.from_object`."""
         return BoardSnapshot.from_object(held)
+
+    def would_lose(self, session: Session, data: bytes) -> str:
+        """Why a program must not be stored; see `snapshot.would_lose`."""
+        return snapshot.would_lose(session, data)
 
     def forbid(self, session: Session, data: bytes) -> str | None:
         """Why these bytes must not be sent; see `safety`.  What they set is noted, to be put
