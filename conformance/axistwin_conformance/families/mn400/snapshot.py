@@ -23,11 +23,13 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import QUIET_S, BoardExchange
 from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
+from axistwin_conformance.families.mn400.motion.return_to_start import HOME_SETS, return_to_start
 from axistwin_conformance.families.mn400.programs import leave_entry, listing, put_program_back
-from axistwin_conformance.families.mn400.safety import danger, texts
+from axistwin_conformance.families.mn400.safety import MOVING, danger, texts
 from axistwin_conformance.transport.transport import Transport
 
 ENTERING: Final = "(Zz."
+MOVED_BY: Final = frozenset({*MOVING, "J"})  # after these the axes are brought home
 # What commands set that cannot be read, as at power-on (MN4-PWR-01, MN4-PWR-02).
 POWER_ON: Final[Mapping[str, str]] = {
     "V": "V2000", "F": "F1000,5000,10000", "B": "B0,0,0,0", "D": "D1,1,1,1", "P": "P1,3,2",
@@ -118,14 +120,23 @@ def note_sent(session: Session, data: bytes) -> None:
 
 def stop(session: Session) -> None:
     """Q, if what was sent since the last one may have moved something or opened an entry; an entry
-    that Q does not end is ended before it.  Nothing else: a machine that moves is not ours."""
+    that Q does not end is ended before it.  Nothing else: a machine that moves is not ours.
+
+    A move on hold is only ended once it is released (MN4-AMB-16), and behind a contour's entry a
+    board may move on (MN4-AMB-74): there a second Q follows.
+    """
     opened = _opened.pop(session.transport, set())
     client = BoardDriver(session).client
     if "Z" in opened and not client.ask("*").says("START", "PRESENT"):
         leave_entry(client)
-    if opened:
-        client.send(client.request("Q"))
-        client.listen(session.reply_timeout_s)
+    came = b""
+    for text in (*(["Q"] if opened else []), *(["Q"] if "(" in opened else [])):
+        client.send(client.request(text))
+        came = client.listen(session.reply_timeout_s)
+    if "MOVEPENDING" in codec.codes_of(codec.packets(came)[0]):
+        for text in ("K", "Q"):
+            client.send(client.request(text))
+            client.listen(QUIET_S)
 
 
 # --- what to put back -----------------------------------------------------------------------------
@@ -148,8 +159,12 @@ def _volatile(driver: BoardDriver) -> BoardSnapshot:
 
 
 def restore(session: Session, memory: BoardSnapshot, board: int | None = None) -> tuple[str, ...]:
-    """Put back what was touched; a sentence for each thing that could not be."""
+    """Put back what was touched; a sentence for each thing that could not be.  Axes that were moved
+    go home first."""
     driver = BoardDriver(session, board)
+    astray = return_to_start(session, driver) if memory.touched & MOVED_BY else ""
+    if memory.touched & MOVED_BY:
+        memory.touched |= {"L", *HOME_SETS}
     wanted = [POWER_ON[letter] for letter in sorted(memory.touched & {*POWER_ON})]
     if "I" in memory.touched:
         is_absolute = driver.reading("power_on_mode") == "absolute"
@@ -164,7 +179,7 @@ def restore(session: Session, memory: BoardSnapshot, board: int | None = None) -
     if program is not None and not put_program_back(driver, program):
         failed.append(f"the stored program, which was {', '.join(program) or 'empty'}")
     memory.touched.clear()
-    return tuple(failed)
+    return (astray, *failed) if astray else tuple(failed)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ admissible.  Where a cell of the table is an interpretation, so is what is expec
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Final
@@ -29,6 +29,7 @@ from axistwin_conformance.families.mn400.grammar import (
 )
 from axistwin_conformance.families.mn400.model.motions import (
     CircleMotion,
+    CompensatedMotion,
     ContourMotion,
     MotionTimeline,
     PacedMotion,
@@ -54,7 +55,7 @@ from axistwin_conformance.families.mn400.planner.contour import (
     MarginScope,
 )
 from axistwin_conformance.families.mn400.planner.pulses import can_be_threaded
-from axistwin_conformance.families.mn400.planner.vector import AXES, compensated
+from axistwin_conformance.families.mn400.planner.vector import AXES, VectorMove
 
 Reply = tuple[str, ...]  # what each packet says: the name of its code, or "data"
 ENTRIES: Final = (BoardState.PRG, BoardState.CFG)
@@ -139,7 +140,7 @@ class BoardModel:
         motion = self.timeline.motions[0].motion
         if isinstance(motion, PacedMotion):
             yield BoardState.THR
-        elif isinstance(motion, ContourMotion):
+        elif isinstance(_bare(motion), ContourMotion):
             yield BoardState.CCX
         else:
             least, most = self.timeline.waiting(now)
@@ -365,7 +366,11 @@ class BoardModel:
         if any(one.speed < 0 for one in entry.segments):
             return PacedMotion((0,) * AXES)
         contour = ContourMove(entry.segments, rules)
-        return ContourMotion(contour, is_early=self._is_early) if contour.plans else None
+        if not contour.plans:
+            return None
+        rows = [one.displacements for one in contour.segments]
+        motion = ContourMotion(contour, is_early=self._is_early)
+        return self._compensated(motion, _first_moves(rows), _first_moves(rows[::-1]))
 
     @property
     def _is_early(self) -> bool:
@@ -386,15 +391,33 @@ class BoardModel:
         centre, end = self._of_circle(command)
         helix = {"traverse": command.value(5), "turns": command.value(6)}
         rules = self.settings.circle(self.reading)
+        if command.letter == "+":
+            rules = replace(rules, is_full_at_zero=self.reading("helix_zero_final") == "full")
         circle = CircleMove(centre, end, command.value(4), rules, **helix)
-        return CircleMotion(circle, self.settings.plane)
+        first, last = list((0,) * AXES), list((0,) * AXES)
+        for signs, is_end in ((first, False), (last, True)):
+            x, y, z = self.settings.plane
+            signs[z] = circle.traverse
+            signs[x], signs[y] = circle.signs(is_end=is_end)
+        return self._compensated(CircleMotion(circle, self.settings.plane), first, last)
 
-    def _vector(self, displacements: tuple[int, ...]) -> VectorMotion:
-        settings = self.settings.motion(self.reading)
-        before, move = compensated(displacements, settings, self.settings.backlash)
-        backlash = self.settings.backlash.after(displacements)
-        self.settings = replace(self.settings, backlash=backlash)
-        return VectorMotion(before, move, is_early=self._is_early)
+    def _vector(self, displacements: tuple[int, ...]) -> PlannedMotion:
+        move = VectorMove(displacements, self.settings.motion(self.reading))
+        motion = VectorMotion(move, is_early=self._is_early)
+        return self._compensated(motion, displacements, displacements)
+
+    def _compensated(
+        self, motion: PlannedMotion, first: Sequence[int], last: Sequence[int]
+    ) -> PlannedMotion:
+        """A motion behind the compensation of backlash that it needs, by the directions in which
+        each axis begins and ends (MN4-BKL-01, MN4-BKL-06, MN4-BKL-07)."""
+        backlash, settings = self.settings.backlash, self.settings.motion(self.reading)
+        if self.reading("backlash_speed") == "start":
+            settings = replace(settings, speed=settings.profile.start)
+        before = VectorMove(backlash.compensation(first), settings)
+        self.settings = replace(self.settings, backlash=backlash.after(last))
+        is_counted = self.reading("backlash_counts") == "true"
+        return CompensatedMotion(before, motion, is_counted) if before.length else motion
 
     def _run(self, motion: PlannedMotion | None, now: Span) -> None:
         if motion is not None:
@@ -413,11 +436,11 @@ class BoardModel:
         left_out = (0, 0) if self.reading("omitted_param") == "zero" else None
         pairs = zip(self.timeline.end, command.values, strict=True)
         place: Place = tuple((left_out or was) if one is None else (one, one) for was, one in pairs)
-        if not self.timeline.motions:
-            self.timeline.place = place
+        rows = self.timeline.motions or self.timeline.held
+        if rows:  # behind what is paused, too
+            rows[-1] = replace(rows[-1], end=place)
         else:
-            last = self.timeline.motions[-1]
-            self.timeline.motions[-1] = replace(last, end=place)
+            self.timeline.place = place
 
     def _pause(self, now: Span) -> None:
         """At rest it does nothing and is not kept (MN4-CMD-PAU-04)."""
@@ -460,6 +483,16 @@ class BoardModel:
     def load(self, position: tuple[int, ...]) -> None:
         """The counters are known to be these."""
         self.timeline = MotionTimeline(exactly(position))
+
+
+def _bare(motion: PlannedMotion) -> PlannedMotion:
+    """A motion without the compensation before it."""
+    return motion.motion if isinstance(motion, CompensatedMotion) else motion
+
+
+def _first_moves(rows: Iterable[Sequence[int]]) -> tuple[int, ...]:
+    """Of each axis the first displacement that is not 0."""
+    return tuple(next((one for one in column if one), 0) for column in zip(*rows, strict=True))
 
 
 def _enter_contour(board: BoardModel, command: ParsedCommand) -> None:

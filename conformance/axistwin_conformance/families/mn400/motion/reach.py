@@ -1,0 +1,135 @@
+"""What may be true of the axes of one board, for the travel guard: where each is and may go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, TypeVar
+
+from axistwin_conformance.families.mn400.planner.vector import AXES, Window
+
+STILL: Final = (0, 0)
+Box = tuple[Window, ...]  # of all axes
+Value = TypeVar("Value")
+
+
+def join(*windows: Window) -> Window:
+    """The smallest window around all of them."""
+    return min(low for low, _ in windows), max(high for _, high in windows)
+
+
+def joined_boxes(*boxes: Box) -> Box:
+    """The smallest box around all of them."""
+    return tuple(join(*row) for row in zip(*boxes, strict=True))
+
+
+def shift(window: Window, by: Window) -> Window:
+    """Add two windows."""
+    return window[0] + by[0], window[1] + by[1]
+
+
+def shared(one: Window, other: Window) -> Window | None:
+    """What is within both windows; None: nothing."""
+    low, high = max(one[0], other[0]), min(one[1], other[1])
+    return (low, high) if low <= high else None
+
+
+@dataclass(frozen=True, slots=True)
+class BoardReach:
+    """Places are steps of each axis from where the run found it.
+
+    `reach`: where it is or may still go.  `tip`: where the last motion asked for ends.  `offset`:
+    what has to be added to its counter.  `motions`: how many may be under way or waiting.  `slack`:
+    steps of backlash compensation, which no counter tells.  `is_absolute`, `plane` (motors from 0),
+    `speed`, `end_speed`, `jog_speed`, `program`, `configuration`: as they were set; None: unknown.
+    `entry`: the command whose entry is open.  `lines`: of that entry.  `is_jogging`: in jog mode;
+    `jogs_since_ns`: since when a jog input may have been on.  `begun_by`: what asked for the last
+    motion.  `seen`: the counters read last, if nothing was asked since.
+    """
+
+    reach: Box = (STILL,) * AXES
+    tip: Box = (STILL,) * AXES
+    offset: Box = (STILL,) * AXES
+    motions: int = 0
+    slack: tuple[int, ...] = (0,) * AXES
+    lash: tuple[int, ...] = (0,) * AXES
+    is_absolute: bool | None = None
+    plane: tuple[int, int, int] | None = None
+    speed: int | None = None
+    end_speed: int | None = None
+    jog_speed: int | None = None
+    entry: str = ""
+    lines: tuple[str, ...] = ()
+    program: tuple[str, ...] | None = None
+    configuration: tuple[str, ...] | None = None
+    is_jogging: bool = False
+    jogs_since_ns: int | None = None
+    begun_by: str = "M"
+    seen: tuple[int, ...] | None = None
+
+    @property
+    def far(self) -> Box:
+        """The reach, wider by what backlash may have added."""
+        rows = zip(self.reach, self.slack, strict=True)
+        return tuple((low - more, high + more) for (low, high), more in rows)
+
+    @property
+    def place(self) -> tuple[int, ...] | None:
+        """Where the axes are; None: not known exactly, or they may move."""
+        is_known = not self.motions and all(low == high for low, high in self.reach)
+        return tuple(low for low, _ in self.reach) if is_known else None
+
+    @property
+    def jog_rate(self) -> int:
+        """Steps per second at which a jog input may be moving an axis; 0: none is."""
+        return (self.jog_speed or 0) if self.jogs_since_ns is not None else 0
+
+    def grown(self, now_ns: int) -> BoardReach:
+        """The same with jogging accounted for up to now."""
+        if self.jogs_since_ns is None:
+            return self
+        far = self.jog_rate * max(0, now_ns - self.jogs_since_ns) // 1_000_000_000 + 1
+        reach = tuple((low - far, high + far) for low, high in self.reach)
+        return replace(self, reach=reach, tip=reach, jogs_since_ns=now_ns)
+
+    def sent_to(self, tip: Box, letter: str, passed: Box | None = None) -> BoardReach:
+        """The same with one more motion that ends in that box, and stays within `passed`."""
+        slack = tuple(
+            has + (lash if before != after or passed is not None else 0)
+            for has, lash, before, after in zip(self.slack, self.lash, self.tip, tip, strict=True)
+        )
+        reach = joined_boxes(self.reach, tip, *([passed] if passed is not None else []))
+        return replace(
+            self, reach=reach, tip=tip, slack=slack, motions=self.motions + 1, begun_by=letter
+        )
+
+    def joined(self, other: BoardReach) -> BoardReach:
+        """Either of two, the second of them later; nobody knows which."""
+        return replace(
+            other,
+            reach=joined_boxes(self.reach, other.reach),
+            tip=joined_boxes(self.tip, other.tip),
+            offset=joined_boxes(self.offset, other.offset),
+            motions=max(self.motions, other.motions),
+            slack=tuple(map(max, self.slack, other.slack)),
+            lash=tuple(map(max, self.lash, other.lash)),
+            is_absolute=_same(self.is_absolute, other.is_absolute),
+            plane=_same(self.plane, other.plane),
+            speed=_larger(self.speed, other.speed),
+            end_speed=_larger(self.end_speed, other.end_speed),
+            jog_speed=_larger(self.jog_speed, other.jog_speed),
+            program=_same(self.program, other.program),
+            configuration=_same(self.configuration, other.configuration),
+            is_jogging=self.is_jogging or other.is_jogging,
+            jogs_since_ns=self.jogs_since_ns
+            if other.jogs_since_ns is None
+            else other.jogs_since_ns,
+            seen=None,
+        )
+
+
+def _same(one: Value | None, other: Value | None) -> Value | None:
+    return one if one == other else None
+
+
+def _larger(one: int | None, other: int | None) -> int | None:
+    return None if one is None or other is None else max(one, other)
