@@ -19,6 +19,7 @@ from axistwin_conformance.families.mn400.client import BoardClient, BoardExchang
 from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.transport.transport import Transport
 
+PROFILE: Final = "F1000,5000,10000"  # as at power-on: above it no speed of these checks ramps
 LINE_BREAKS: Final = re.compile(r"[\x00-\x20]+")  # between lines that come in one packet
 LONGEST_LINE: Final = 69  # characters, of the longest command (MN4-PKT-13)
 MOST_LINES: Final = 2000

@@ -20,6 +20,7 @@ from axistwin_conformance.families.mn400.checks.stored import judge_listing
 from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
 from axistwin_conformance.families.mn400.probes.destructive import POWER
 from axistwin_conformance.families.mn400.programs import (
+    PROFILE,
     emptied_afterwards,
     enter_configuration,
     enter_program,
@@ -39,7 +40,7 @@ PROGRAM: Final = ("V500", "X2", "I0")
 OTHER_PROGRAM: Final = ("Y500",)
 FAST: Final = 4  # of ~: 115200 baud
 STEPS: Final = 6
-SLOW_SPEED: Final = 20  # steps/s
+MOTION: Final = ("L0,0,0,0", PROFILE, "V500")
 SETTLE_S: Final = 0.3
 AT_REST: Final = (0, 0, 0, 0)
 
@@ -231,7 +232,7 @@ def a_configuration_may_move(session: Session) -> None:
     driver = BoardDriver(session)
     relative = relative_mode(driver)
     with emptied_afterwards(driver), brought_back(driver, codec.IDS[0]):
-        enter_configuration(driver, ("L0,0,0,0", relative, f"M{STEPS}", f"M,{STEPS}"))
+        enter_configuration(driver, (*MOTION, relative, f"M{STEPS}", f"M,{STEPS}"))
         for _ in range(2):
             switch_on(driver)
             at_power_on = BoardDriver(session, codec.IDS[0])
@@ -240,7 +241,8 @@ def a_configuration_may_move(session: Session) -> None:
             position = at_power_on.position()
             wanted = (STEPS, STEPS, 0, 0)
             session.expect(position == wanted, ("MN4-NVM-06", "MN4-NVM-05"), wanted, position)
-            at_power_on.command(relative)
+            for text in (*MOTION[1:], relative):
+                at_power_on.command(text)
             at_power_on.command(f"M-{STEPS},-{STEPS}")
             driver.target.wait(SETTLE_S)
 

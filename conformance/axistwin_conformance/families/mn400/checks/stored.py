@@ -14,6 +14,7 @@ from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.families.mn400.probes.stored import RUNNING, STORED
 from axistwin_conformance.families.mn400.programs import (
+    PROFILE,
     end_program,
     enter_program,
     fill_store,
@@ -157,13 +158,14 @@ def what_does_not_fit_is_refused(session: Session) -> None:
 
 
 @check("MN4-CMD-U-01", "MN4-NVM-10", "MN4-NVM-01", safety=RUNNING)
-@restoring("IVL")
+@restoring("IVFL")
 def a_program_runs_line_by_line(session: Session) -> None:
     """U draws START and DONE at once; a V in the program is that of the moves behind it."""
     driver = BoardDriver(session)
     if driver.reading("program_replies") == "true":
         session.skip("the replies of a running program fall into the reading of positions")
-    driver.command("L0,0,0,0")
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
     enter_program(driver, (relative_mode(driver), *THERE_AND_BACK))
     driver.target.wait(MOVE_S)
     position = driver.position()
@@ -191,7 +193,7 @@ def _judge_at(driver: BoardDriver, begun_ns: int, after_s: float, wanted: range)
 
 
 @check("MN4-NVM-13", "MN4-RSP-14", safety=RUNNING)
-@restoring("IVL")
+@restoring("IVFL")
 def a_running_program_says_nothing(session: Session) -> None:
     """Behind START and DONE of U the line is quiet, or every line is answered (MN4-AMB-53)."""
     driver = BoardDriver(session)
@@ -205,11 +207,12 @@ def a_running_program_says_nothing(session: Session) -> None:
 
 
 @check("MN4-CMD-Q-05", "MN4-CMD-U-01", safety=RUNNING)
-@restoring("IVL")
+@restoring("IVFL")
 def quit_ends_a_running_program(session: Session) -> None:
     """Q during the first move: the axis stands, and the second move never comes."""
     driver = BoardDriver(session)
-    driver.command("L0,0,0,0")
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
     enter_program(driver, (relative_mode(driver), *ONE_BY_ONE))
     driver.draws("U", DONE, "MN4-CMD-U-01")
     driver.target.wait(MOVE_S / 2)
@@ -223,11 +226,12 @@ def quit_ends_a_running_program(session: Session) -> None:
 
 
 @check("MN4-CMD-PAU-03", safety=RUNNING)
-@restoring("IVL")
+@restoring("IVFL")
 def a_running_program_can_be_paused(session: Session) -> None:
     """{ during the first move holds the program, } lets it go on to its end, no step lost."""
     driver = BoardDriver(session)
-    driver.command("L0,0,0,0")
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
     enter_program(driver, (relative_mode(driver), *ONE_BY_ONE))
     driver.command("U")
     driver.target.wait(MOVE_S / 2)

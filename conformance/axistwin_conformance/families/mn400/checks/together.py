@@ -12,7 +12,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import BoardExchange
 from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
-from axistwin_conformance.families.mn400.programs import relative_mode
+from axistwin_conformance.families.mn400.programs import PROFILE, relative_mode
 from axistwin_conformance.families.mn400.snapshot import put_back
 
 ORDER = 190  # of this module in a run; see `Family.modules`
@@ -179,9 +179,9 @@ def _held(boards: Sequence[BoardDriver]) -> Iterator[None]:
     first = boards[0]
     if first.reading("hold_takes_arg") == "false":
         first.session.skip("H of this board has no parameter to turn hold off for certain")
-    with all_put_back(boards, "LVIH"):
+    with all_put_back(boards, "LVFIH"):
         for driver in boards:
-            for text in ("L0,0,0,0", f"V{SPEED}", relative_mode(first)):
+            for text in ("L0,0,0,0", PROFILE, f"V{SPEED}", relative_mode(first)):
                 driver.command(text)
         try:
             first.client.ask_all("H", first.slots_s())

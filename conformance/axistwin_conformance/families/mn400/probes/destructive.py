@@ -11,6 +11,7 @@ from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mn400.address_recovery import brought_back, is_there, other_ids
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.probes.together import LONGEST_SLOT_S, slot_reading
+from axistwin_conformance.families.mn400.programs import PROFILE
 from axistwin_conformance.families.mn400.supply import power_cycle
 
 ORDER = 120  # of this module in a run; see `Family.modules`
@@ -89,7 +90,8 @@ def feedhold_power_on(driver: BoardDriver) -> Outcome:
 def power_on_mode(driver: BoardDriver) -> Outcome:
     """A power cycle, then L5,0,0,0, M5 and no I: E is 10 in relative mode, 5 in absolute mode."""
     power_cycle(driver)
-    driver.command("V200")
+    for text in (PROFILE, "V200"):
+        driver.command(text)
     driver.command(f"L{FEW_STEPS},0,0,0")
     driver.command(f"M{FEW_STEPS}")
     driver.target.wait(1.0)
