@@ -17,7 +17,7 @@ from axistwin_conformance.families.mn400.codec import ReturnCode
 
 pytestmark = pytest.mark.strength(seconds=60)
 
-MODULES = ("queue", "settings", "hold", "acceptance", "rig_panel")
+MODULES = ("queue", "settings", "hold", "acceptance", "entry_states", "rig_panel")
 CHECKS = {one.name: one for one in Mn400().checks() if one.module.rpartition(".")[2] in MODULES}
 PROBES = {one.switch: one for one in Mn400().probes() if one.check.module.endswith("probes.states")}
 Plant = Callable[[], AlteredTwin]
@@ -85,6 +85,22 @@ def forgetful(text: str, after: str) -> Plant:
     def make() -> AlteredTwin:
         twin = AlteredTwin()
         twin.hears = lambda heard: "|" if heard == text and after in twin.sent else heard
+        return twin
+
+    return make
+
+
+def while_running(text: str, other: str) -> Plant:
+    """A board that takes one text for another right behind reads of a program that runs."""
+
+    def make() -> AlteredTwin:
+        twin = AlteredTwin()
+
+        def heard(sent: str) -> str:
+            is_running = "U" in twin.sent and "T2,0,0,0,1000,0" in twin.sent[-2:]
+            return other if sent == text and is_running else sent
+
+        twin.hears = heard
         return twin
 
     return make
@@ -159,15 +175,6 @@ FAULTS: dict[str, tuple[str, Plant, str]] = {
         "MN4-ERR-02"),
     "a space is skipped": (
         "a_space_is_no_part_of_a_command", hears((" E", "E")), "MN4-PKT-12"),
-    "lash of axis 1 forgotten": (
-        "lash_is_made_up_for_by_direction", hears(("B50,50,0,0", "B0,50,0,0")), "MN4-CMD-B-01"),
-    "B0 not obeyed": (
-        "lash_is_made_up_for_by_direction",
-        forgetful("B0,0,0,0", "B50,50,0,0"), "MN4-CMD-B-01"),
-    "D not obeyed": (
-        "lash_is_made_up_for_by_direction", hears(("D1,-1,1,1", "D1,1,1,1")), "MN4-CMD-D-02"),
-    "L sets the directions anew": (
-        "lash_is_made_up_for_by_direction", hears(("L1,2,3,4", "D1,-1,1,1")), "MN4-CMD-L-03"),
     "L clears what is left": (
         "loading_leaves_what_is_left_of_a_move", later("N", "L5,6", "0,0,0,0"), "MN4-CMD-L-03"),
     "H1 does nothing": (
@@ -222,8 +229,6 @@ FAULTS: dict[str, tuple[str, Plant, str]] = {
         "in_a_contour_commands_wait_or_are_served_at_once", code("S", BUSY), "MN4-CMD-CC-06"),
     "contour: T is refused": (
         "in_a_contour_commands_wait_or_are_served_at_once", code("T", BUSY), "MN4-RSP-06"),
-    "jog: J0 is refused": (
-        "a_tap_goes_as_far_as_its_resolution_says", hears(("J0", "J1")), "MN4-CMD-J-01"),
     "jog: no mode": (
         "in_jog_mode_moves_are_refused_and_the_rest_is_served",
         value("E", lambda row: [one + 1 for one in row]), "MN4-CMD-J-01"),
@@ -234,32 +239,29 @@ FAULTS: dict[str, tuple[str, Plant, str]] = {
         hears(("T200,0,0,0,400,0", "M200")), "MN4-CMD-T-03"),
     "abort: N is refused": (
         "after_an_abort_every_command_is_served", code("N", BUSY), "MN4-CMD-Q-01"),
+    "a line is stored as another": (
+        "in_a_program_every_command_is_a_line", hears(("S", "N")), "MN4-STM-04"),
+    "Ctrl-D draws an error": (
+        "in_a_program_every_command_is_a_line", code("\x04", BUSY), "MN4-NVM-01"),
+    "a configuration is carried out": (
+        "in_a_configuration_every_command_is_a_line", hears((".", "|")), "MN4-NVM-04"),
+    "running: no S": ("while_a_program_runs_reads_are_served", code("S", BUSY), "MN4-STM-02"),
+    "running: Q does nothing": (
+        "while_a_program_runs_reads_are_served", while_running("Q", "|"), "MN4-STM-02"),
+    "U is refused": ("while_a_program_runs_reads_are_served", code("U", BUSY), "MN4-CMD-U-01"),
     "limits and aux exchanged": (
         "every_input_has_its_value", value("S", lambda row: [row[0] >> 8 | (row[0] & 255) << 8]),
         "MN4-CMD-S-01"),
     "S in 15 bits": (
         "every_input_has_its_value", value("S", lambda row: [row[0] if row[0] < 65535 else 32767]),
         "MN4-CMD-S-02"),
-    "exit code is the number of the limit": (
-        "the_exit_code_names_the_limit",
-        value("/", lambda row: [row[0].bit_length()]), "MN4-CMD-EXIT-01"),
-    "exit code is cleared too early": (
-        "the_exit_code_names_the_limit", forgotten_by_the_next_move, "MN4-CMD-EXIT-02"),
+    "exit code is cleared by the next move": (
+        "the_exit_code_is_that_of_the_last_move", forgotten_by_the_next_move, "MN4-CMD-EXIT-02"),
     "exit code stays": (
-        "the_exit_code_names_the_limit", value("/", lambda row: [row[0] or 1]), "MN4-CMD-EXIT-01"),
-    ";1 is ;0": ("feed_hold_decides_what_the_shield_does", hears((";1", ";0")), "MN4-CMD-FH-01"),
-    "half of spi": (
-        "a_tap_goes_as_far_as_its_resolution_says",
-        hears(("G100,50,20,10,200", "G100,50,20,10,100")), "MN4-CMD-G-01"),
-    "Y not obeyed": (
-        "a_held_jog_input_runs_at_jog_speed", hears(("Y150", "Y50")), "MN4-CMD-Y-01"),
-    "fewer pulses": (
-        "a_thread_follows_its_pulses", hears(("T30,,,-60,120,8", "T30,,,-60,110,8")),
-        "MN4-CMD-T-01"),
-    "no mode of T": (
-        "a_thread_follows_its_pulses", hears(("T40,,,-55,120,8", "T41,,,-55,120,8")),
-        "MN4-CMD-T-02"),
-    "T is busy": ("a_thread_follows_its_pulses", code("T", BUSY), "MN4-CMD-T-03"),
+        "the_exit_code_is_that_of_the_last_move", value("/", lambda row: [row[0] or 4]),
+        "MN4-CMD-EXIT-04"),
+    "| clears nothing": (
+        "the_exit_code_is_that_of_the_last_move", hears(("|", "X1")), "MN4-CMD-EXIT-03"),
 }  # fmt: skip
 
 
@@ -317,7 +319,7 @@ LOOKED_UP: dict[str, tuple[str, ...]] = {
     "a_full_queue_is_told": ("queue_depth",),
     "the_abort_flag_is_of_the_last_motion": ("abort_flag_clear",),
     "in_motion_commands_wait_or_are_served_at_once": ("quit_in_entry", "abs_mode_value"),
-    "the_exit_code_names_the_limit": ("abort_exit_code",),
+    "the_exit_code_is_that_of_the_last_move": ("abort_exit_code",),
     "every_input_has_its_value": ("limit_status_signed",),
     "the_feedrate_pot_scales_the_speed": ("feedrate_pot",),
 }

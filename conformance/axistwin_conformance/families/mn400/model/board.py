@@ -158,11 +158,21 @@ class BoardModel:
             return Expectation(frozenset({("data",), ("DONE",), ()}), "MN4-CMD-RTX-01")
         if self.entry is not None:
             return self._of_line(text)
-        if rule_of(text) is None:
+        if rule_of(text) is None or self._is_missing(letter):
             return self._error("INVALIDCOMMAND", "MN4-ERR-01", is_recognised=False)
         found = [self._of_state(letter, text, state) for state in self._states_for(letter, now)]
         replies = frozenset(reply for one in found for reply in one.replies)
         return Expectation(replies, found[0].requirement, any(one.is_open for one in found))
+
+    def _is_missing(self, letter: str) -> bool:
+        """True for a command that not every board has (MN4-AMB-38)."""
+        return letter in (";", ":") and self.reading("has_feedhold_cmds") == "false"
+
+    def expect_in(self, text: str, state: BoardState) -> Expectation:
+        """What a command may draw in a state, whatever else is known."""
+        if rule_of(text) is None or self._is_missing(text[:1]):
+            return self._error("INVALIDCOMMAND", "MN4-ERR-01", is_recognised=False)
+        return self._of_state(text[:1].upper(), text, state)
 
     def _states_for(self, letter: str, now: Span) -> frozenset[BoardState]:
         """The states by which a command is judged: with hold on, what asks for motion is kept even
@@ -320,7 +330,7 @@ class BoardModel:
         elif letter in MOTIONS:
             self._run(self._motion(command), now)
         elif letter == "L":
-            self._load(command)
+            self._load(command, now)
         elif letter in _ENTERING:
             _ENTERING[letter](self, command)
         elif letter in "Q{}":
@@ -443,13 +453,18 @@ class BoardModel:
         if self.reading("hold_after_release") == "one_shot":
             self.settings = replace(self.settings, holds=False)
 
-    def _load(self, command: ParsedCommand) -> None:
-        """Counters from here on; those of motions that still run come before it in the queue."""
+    def _load(self, command: ParsedCommand, now: Span) -> None:
+        """Counters from here on; those of motions that still run come before it in the queue, or
+        are loaded as they run (MN4-AMB-52)."""
         left_out = (0, 0) if self.reading("omitted_param") == "zero" else None
-        pairs = zip(self.timeline.end, command.values, strict=True)
+        is_queued = self.reading("queue_modal") == "true"
+        here = self.timeline.end if is_queued else self.where(now)
+        pairs = zip(here, command.values, strict=True)
         place: Place = tuple((left_out or was) if one is None else (one, one) for was, one in pairs)
         rows = self.timeline.motions or self.timeline.held
-        if rows:  # behind what is paused, too
+        if rows and not is_queued:
+            self.timeline.shift(here, place)
+        elif rows:  # behind what is paused, too
             rows[-1] = replace(rows[-1], end=place)
         else:
             self.timeline.place = place
@@ -473,7 +488,8 @@ class BoardModel:
         self.was_aborted = self.timeline.may_run(now) or self.is_paused or self.is_running
         self.is_paused = self.is_running = False
         self.pending = None  # only a board that serves Q meanwhile comes here (MN4-AMB-16)
-        self.timeline.stop(now)
+        flushes = self.reading("quit_flushes_queue") == "true"
+        self.timeline.stop(now, flushes=flushes)
 
     # --- what it tells ----------------------------------------------------------------------------
 
@@ -490,7 +506,7 @@ class BoardModel:
         self.load(counters)
         command = read_command(text, self.reading)
         if isinstance(command, ParsedCommand) and command.letter == "L":
-            self._load(command)
+            self._load(command, (Fraction(0), Fraction(0)))
         return tuple(low for low, _ in self.timeline.end)
 
     def load(self, position: tuple[int, ...]) -> None:
