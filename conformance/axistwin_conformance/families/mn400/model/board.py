@@ -405,7 +405,11 @@ class BoardModel:
         if command.letter == "M":
             return self._vector(self._displacements(command))
         centre, end = self._of_circle(command)
-        helix = {"traverse": command.value(5), "turns": command.value(6)}
+        traverse = command.value(5)
+        if command.letter == "+" and self.settings.is_absolute and command.values[5] is not None:
+            is_place = self.reading("helix_abs_fields") == "all"
+            traverse -= self._here(self.settings.plane[2]) if is_place else 0
+        helix = {"traverse": traverse, "turns": command.value(6)}
         rules = self.settings.circle(self.reading)
         if command.letter == "+":
             rules = replace(rules, is_full_at_zero=self.reading("helix_zero_final") == "full")
@@ -429,7 +433,7 @@ class BoardModel:
         each axis begins and ends (MN4-BKL-01, MN4-BKL-06, MN4-BKL-07)."""
         backlash, settings = self.settings.backlash, self.settings.motion(self.reading)
         if self.reading("backlash_speed") == "start":
-            settings = replace(settings, speed=settings.profile.start)
+            settings = replace(settings, speed=min(settings.speed, settings.profile.start))
         before = VectorMove(backlash.compensation(first), settings)
         self.settings = replace(self.settings, backlash=backlash.after(last))
         is_counted = self.reading("backlash_counts") == "true"
