@@ -96,15 +96,15 @@ class StateRow:
             return False
         if exchange.codes[-1:] == ("DONE",) or text == "K" or self._is_kept(text):
             model.accept(text, span)
-        is_same = model.states(span) == {self.state}
-        if not is_same:
-            self._judge_entered(text)
         self._queued += self._requirement(text) == self.waiting
-        return is_same and self._queued < MOST_QUEUED
+        is_staying = model.states(span) == {self.state} and self._queued < MOST_QUEUED
+        if not is_staying:
+            self._judge_entered(text)
+        return is_staying
 
     def _judge_entered(self, text: str) -> None:
-        """Judge that a command that leads to another state has led there: ? draws what it draws
-        there, and the axes are where they are to be."""
+        """Judge in what state the last command has left the board: ? draws what it draws there, and
+        the axes are where they are to be."""
         self.driver.target.wait(SETTLED_S)
         exchange = self.driver.ask("?")
         expected = self.motion.model.expect("?", self.motion.span(exchange))
@@ -113,7 +113,7 @@ class StateRow:
         name = self._requirement(text)
         self.session.expect(is_right, name, told, exchange, f"to ? behind {text}")
         if exchange.codes == DATA:
-            self.motion.look(name)
+            self.motion.look(self.other)
 
     def _requirement(self, text: str) -> str:
         cell = state_table().get((text[:1].upper(), self.state))
