@@ -28,7 +28,7 @@ class AlteredTwin:
     """A pyserial port with a twin behind it that hears and says other things."""
 
     def __init__(self, hears: Hears | None = None, says: Says | None = None, **quirks: str) -> None:
-        url = URL + "".join(f"&{name}={value}" for name, value in quirks.items())
+        url = URL + "".join(f"&quirk.{name}={value}" for name, value in quirks.items())
         self.inner = open_target(url, 9600)._port
         self.hears, self.says = hears, says
         self.sent: list[str] = []

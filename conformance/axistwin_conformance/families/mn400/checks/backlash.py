@@ -12,15 +12,15 @@ from axistwin_conformance.families.mn400.motion.board_motion import MOTION, Boar
 
 ORDER = 160
 
-LASH: Final = 300  # steps: 0.3 s at the speed of these checks
-SLOW: Final = 1000
+LASH: Final = 100  # steps: 0.2 s at the speed of these checks
+SLOW: Final = 500
 ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
 
 
 def begun(session: Session) -> BoardMotion:
     """A motion with room for moves of some hundred steps and their compensation."""
     motion = BoardMotion(BoardDriver(session))
-    motion.needs_room(4 * LASH, "these moves with their compensation")
+    motion.needs_room(12 * LASH, "these moves with their compensation")
     return motion
 
 
@@ -33,7 +33,7 @@ def a_turn_costs_the_steps_of_the_backlash(session: Session) -> None:
         ((ALL, "D-1,1,1,1"), ("M200", "M50", "M-250")),
         ((ALL, "D1,-1,1,1"), ("M0,200", "M200,0")),
         ((f"B0,{LASH},0,0",), ("M-200,-100", "M200,100", "M-200")),
-        ((f"B{LASH},100,0,0",), ("M-200,-200", "M100,200")),
+        ((f"B{LASH},30,0,0",), ("M-200,-200", "M100,200")),
     ):
         motion.ready(*texts, speed=SLOW)
         for text in moves:

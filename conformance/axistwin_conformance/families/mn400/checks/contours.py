@@ -14,15 +14,11 @@ from axistwin_conformance.families.mn400.planner.speed import ramped
 
 ORDER = 140
 
-# The manual's example as relative moves, shorter: its segments and the V before each.
-EXAMPLE: Final = (
-    ("V3000", "M500,0,500"), ("M505,20,491"), ("M509,40,485"), ("V3850", "M530,41,505"),
-    ("M520,40,490"),
+# The manual's example (§2.2 "(").
+EXAMPLE_LINES: Final = (
+    "V3000", "M500,,500", "M505,,500", "M509,,500", "V3850", "M530,,505", "M520,,510",
 )  # fmt: skip
-EXAMPLE_LINES: Final = tuple(
-    line for row in EXAMPLE for line in ((row,) if isinstance(row, str) else row)
-)
-FAR: Final = 2564  # steps of the example along its longest axis
+EXAMPLE_STEPS: Final = 2564  # along its longest axis
 CAPACITY: Final = 256  # segments (MN4-CMD-CC-09)
 SAME_SPEED: Final = Fraction(1, 20)  # s, by which one motion may be seen to differ from another
 
@@ -39,10 +35,10 @@ def contour(
 @check("MN4-CMD-CC-02", "MN4-CMD-CC-05", "MN4-CC-01", "MN4-CC-03", "MN4-CC-04", "MN4-CC-06",
        "MN4-CC-05", safety=MOTION)  # fmt: skip
 def the_example_takes_the_time_of_its_margin(session: Session) -> None:
-    """Five segments on three axes with margins of 50 and 20: every reading on the way and the end
+    """Five segments on two axes with margins of 50 and 20: every reading on the way and the end
     are those of the fastest plan that keeps both."""
     motion = BoardMotion(BoardDriver(session))
-    motion.needs_room(FAR, "the example's segments")
+    motion.needs_room(EXAMPLE_STEPS, "the example's segments")
     motion.needs_speed(3850, "the example's segments")
     for opening, requirement in (("(50", "MN4-CC-04"), ("(", "MN4-CC-05"), ("(20", "MN4-CC-04")):
         motion.ready()

@@ -31,6 +31,7 @@ from axistwin_conformance.families.mn400.motion.return_to_start import (
 from axistwin_conformance.families.mn400.planner.vector import Window
 
 MOTION: Final = ("motion",)
+RIG_MOTION: Final = ("motion", "rig")
 LAG_S: Final = Fraction(25, 1000)  # from an answer to the first step of what it was about
 CLOCK_ERROR: Final = Fraction(1, 100)
 NS: Final = 10**9

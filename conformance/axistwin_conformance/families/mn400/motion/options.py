@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final
 from axistwin_conformance.core.settings import FamilyOptions
 from axistwin_conformance.core.travel import MAX_SPEED, MAX_TRAVEL, TravelSettings, envelope
 
-BENCH_TRAVEL: Final = 2000  # steps: five turns of a motor with 400 of them
+BENCH_TRAVEL: Final = 3000  # steps: fifteen turns of a motor with 200 of them
 BENCH_SPEED: Final = 5000  # steps per second: the end speed of the profile at power-on
 
 

@@ -38,19 +38,23 @@ class BoardReach:
     """Places are steps of each axis from where the run found it.
 
     `reach`: where it is or may still go.  `tip`: where the last motion asked for ends.  `offset`:
-    what has to be added to its counter.  `motions`: how many may be under way or waiting.  `slack`:
-    steps of backlash compensation, which no counter tells.  `is_absolute`, `plane` (motors from 0),
-    `speed`, `end_speed`, `jog_speed`, `program`, `configuration`: as they were set; None: unknown.
-    `entry`: the command whose entry is open.  `lines`: of that entry.  `is_jogging`: in jog mode;
-    `jogs_since_ns`: since when a jog input may have been on.  `begun_by`: what asked for the last
-    motion.  `seen`: the counters read last, if nothing was asked since.
+    what has to be added to its counter.  `motions`: how many may be under way or waiting.
+    `slack`: steps of backlash compensation, which no counter tells; `slack_reach`: all that it may
+    have been since the axes were at rest; `memory`: the direction that the board remembers.
+    `is_absolute`, `plane` (motors from 0), `speed`, `end_speed`, `jog_speed`, `program`,
+    `configuration`: as they were set; None: unknown.  `entry`: the command whose entry is open.
+    `lines`: of that entry.  `is_jogging`: in jog mode; `jogs_since_ns`: since when a jog input may
+    have been on.  `begun_by`: what asked for the last motion.  `seen`: the counters read last, if
+    nothing was asked since.
     """
 
     reach: Box = (STILL,) * AXES
     tip: Box = (STILL,) * AXES
     offset: Box = (STILL,) * AXES
     motions: int = 0
-    slack: tuple[int, ...] = (0,) * AXES
+    slack: Box = (STILL,) * AXES
+    slack_reach: Box = (STILL,) * AXES
+    memory: tuple[int | None, ...] = (None,) * AXES
     lash: tuple[int, ...] = (0,) * AXES
     is_absolute: bool | None = None
     plane: tuple[int, int, int] | None = None
@@ -69,8 +73,7 @@ class BoardReach:
     @property
     def far(self) -> Box:
         """The reach, wider by what backlash may have added."""
-        rows = zip(self.reach, self.slack, strict=True)
-        return tuple((low - more, high + more) for (low, high), more in rows)
+        return tuple(map(shift, self.reach, self.slack_reach))
 
     @property
     def place(self) -> tuple[int, ...] | None:
@@ -93,14 +96,48 @@ class BoardReach:
 
     def sent_to(self, tip: Box, letter: str, passed: Box | None = None) -> BoardReach:
         """The same with one more motion that ends in that box, and stays within `passed`."""
-        slack = tuple(
-            has + (lash if before != after or passed is not None else 0)
-            for has, lash, before, after in zip(self.slack, self.lash, self.tip, tip, strict=True)
-        )
         reach = joined_boxes(self.reach, tip, *([passed] if passed is not None else []))
+        rows = [self._turned(axis, tip[axis], passed) for axis in range(AXES)]
+        slack = tuple(row[0] for row in rows)
         return replace(
-            self, reach=reach, tip=tip, slack=slack, motions=self.motions + 1, begun_by=letter
+            self,
+            reach=reach,
+            tip=tip,
+            slack=slack,
+            slack_reach=joined_boxes(self.slack_reach, slack),
+            memory=tuple(row[1] for row in rows),
+            motions=self.motions + 1,
+            begun_by=letter,
         )
+
+    def _turned(self, axis: int, tip: Window, passed: Box | None) -> tuple[Window, int | None]:
+        """The slack of an axis, and the direction that it remembers, once it has gone there.  A
+        contour is compensated before its first segment only (see `entered`), an arc by a direction
+        that nobody knows here."""
+        before, slack, lash = self.tip[axis], self.slack[axis], self.lash[axis]
+        memory = self.memory[axis]
+        if self.entry or (before == tip and passed is None and tip[0] == tip[1]):
+            return slack, memory
+        sign = 1 if tip[0] > before[1] else -1 if tip[1] < before[0] else 0
+        if not sign or passed is not None:
+            return (slack[0] - lash, slack[1] + lash), None
+        turned = shift(slack, (sign * lash, sign * lash))
+        if memory is None:
+            turned = join(slack, turned)
+        return (slack if memory == sign else turned), sign
+
+    def entered(self, letter: str) -> BoardReach:
+        """The same with an entry open; a contour may turn every axis."""
+        entered = replace(self, entry=letter, lines=())
+        if letter == "(":
+            slack = tuple(map(_wider, self.slack, self.lash))
+            return replace(
+                entered, slack=slack, slack_reach=joined_boxes(self.slack_reach, slack),
+                memory=(None,) * AXES,
+            )  # fmt: skip
+        if letter == "Z":
+            return replace(entered, program=None)
+        return replace(entered, configuration=None)
 
     def joined(self, other: BoardReach) -> BoardReach:
         """Either of two, the second of them later; nobody knows which."""
@@ -110,7 +147,9 @@ class BoardReach:
             tip=joined_boxes(self.tip, other.tip),
             offset=joined_boxes(self.offset, other.offset),
             motions=max(self.motions, other.motions),
-            slack=tuple(map(max, self.slack, other.slack)),
+            slack=joined_boxes(self.slack, other.slack),
+            slack_reach=joined_boxes(self.slack_reach, other.slack_reach),
+            memory=tuple(map(_same, self.memory, other.memory)),
             lash=tuple(map(max, self.lash, other.lash)),
             is_absolute=_same(self.is_absolute, other.is_absolute),
             plane=_same(self.plane, other.plane),
@@ -125,6 +164,10 @@ class BoardReach:
             else other.jogs_since_ns,
             seen=None,
         )
+
+
+def _wider(window: Window, by: int) -> Window:
+    return window[0] - by, window[1] + by
 
 
 def _same(one: Value | None, other: Value | None) -> Value | None:

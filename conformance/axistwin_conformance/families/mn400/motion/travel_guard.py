@@ -44,12 +44,13 @@ from axistwin_conformance.families.mn400.motion.reach import (
     shift,
 )
 from axistwin_conformance.families.mn400.motion.rig_controls import JOGGING, POWER_NAME
-from axistwin_conformance.families.mn400.planner.vector import AXES
+from axistwin_conformance.families.mn400.planner.vector import AXES, Window
 from axistwin_conformance.families.mn400.words import command_words
 
 MARGIN_NS: Final = 30_000_000  # a stop takes 5 ms at 9600 baud; the rest is our own reaction
 STRAY: Final = 4  # steps by which an arc may leave its circle (MN4-ARC-02, MN4-ARC-04)
 SWING: Final = 10  # steps by which a counter may be off without its board being taken for astray
+TURN: Final = 1 << 32  # of a counter
 LONGEST: Final = 512  # bytes of a request in pieces: no board keeps more
 PACKET: Final = re.compile(rb"(?=([\x80-\xff])([\x00-\x7f]+)\1([\x00-\x7f]))")
 NUMBER: Final = re.compile("-?[0-9]+")
@@ -82,7 +83,7 @@ class BoardTravelGuard:
         self._doubtful: set[int] = set()  # boards last seen where they cannot be
         self._before: dict[int, BoardReach] = {}
         self._after: dict[int, BoardReach] = {}
-        self._asked: BoardPacket | None = None  # the only request since a reply
+        self._asked: BoardPacket | None = None  # what a reply answers, if that is one request
         self._sent, self._received = b"", b""
 
     @property
@@ -96,19 +97,25 @@ class BoardTravelGuard:
     def sending(self, data: bytes, now_ns: int) -> None:
         """Account for bytes about to be sent; raises OutsideEnvelope if they must not be."""
         before = {board: reach.grown(now_ns) for board, reach in self.boards.items()}
-        after = dict(before)
+        possible, after = dict(before), dict(before)
         requests = list(self._requests(data))
         for packet in requests:
+            self._account(possible, packet, now_ns)
+        # What ends here and began in an earlier request is for a board that has lost its place.
+        whole = codec.parse(data)
+        self._asked = whole if whole in requests else None
+        for packet in (self._asked,) if self._asked is not None else requests:
             self._account(after, packet, now_ns)
         self._sent = (self._sent + data)[-LONGEST:]
         self._received = b""
         self._before, self._after = before, after
         # Until the reply comes, the request may have been obeyed or not.
         self.boards = {
-            board: before[board].joined(reach) if board in before else reach
-            for board, reach in after.items()
+            board: before[board].joined(reach).joined(after.get(board, reach))
+            if board in before
+            else reach
+            for board, reach in possible.items()
         }
-        self._asked = requests[0] if len(requests) == 1 else None
 
     def _requests(self, data: bytes) -> Iterator[BoardPacket]:
         """Every sound packet that ends in these bytes, wherever it began."""
@@ -323,6 +330,11 @@ class BoardTravelGuard:
         rows = zip(state.lash, (*numbers, *[None] * AXES), strict=False)
         return replace(state, lash=tuple(was if new is None else abs(new) for was, new in rows))
 
+    def _remembered(self, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
+        rows = zip(state.memory, (*numbers, *[None] * AXES), strict=False)
+        memory = tuple(was if new is None else new if new in (1, -1) else None for was, new in rows)
+        return replace(state, memory=memory)
+
     # --- the rig ----------------------------------------------------------------------------------
 
     def worked(self, name: str, window: tuple[int, int]) -> None:
@@ -342,7 +354,8 @@ class BoardTravelGuard:
         zero = joined_boxes(state.offset, state.reach)
         fresh = BoardReach(
             reach=state.reach, tip=state.reach, offset=zero, slack=state.slack,
-            program=state.program, configuration=state.configuration, begun_by=state.begun_by,
+            slack_reach=state.slack, program=state.program, configuration=state.configuration,
+            begun_by=state.begun_by,
         )  # fmt: skip
         for line in state.configuration or ():
             if line[:1].upper() not in "UJ":
@@ -392,19 +405,14 @@ class BoardTravelGuard:
     def _located(self, state: BoardReach, counters: tuple[int, ...]) -> BoardReach:
         """Narrow down by a reading, where nothing can be moving (rule 3)."""
         places = [
-            shared(shift(offset, (counter, counter)), reach)
+            shared(_place(offset, counter, reach), reach)
             for offset, counter, reach in zip(state.offset, counters, state.reach, strict=True)
         ]
         here: Box = tuple(
             reach if place is None else place
             for place, reach in zip(places, state.reach, strict=True)
         )
-        has_arrived = (
-            state.motions == 1
-            and state.begun_by == "M"
-            and here == state.tip
-            and any(low != high for low, high in state.reach)
-        )
+        has_arrived = state.motions == 1 and state.begun_by == "M" and here == state.tip
         is_still = state.seen == counters or self.readings.guess("quit_decel", "false") != "true"
         if (state.motions and not has_arrived) or not is_still:
             return replace(state, seen=counters)
@@ -412,13 +420,16 @@ class BoardTravelGuard:
             (low - counter, high - counter)
             for (low, high), counter in zip(here, counters, strict=True)
         )
-        return replace(state, reach=here, tip=here, offset=offset, motions=0, seen=counters)
+        return replace(
+            state, reach=here, tip=here, offset=offset, motions=0, slack_reach=state.slack,
+            seen=counters,
+        )  # fmt: skip
 
     def _is_runaway(self, board: int, state: BoardReach, counters: tuple[int, ...]) -> bool:
         """True if a board is seen where nothing it was asked for leads; told for good when the next
         reading says the same."""
         found = [
-            (axis, shift(offset, (counter, counter)), reach)
+            (axis, _place(offset, counter, reach), reach)
             for axis, (offset, counter, reach) in enumerate(
                 zip(state.offset, counters, state.reach, strict=True)
             )
@@ -480,6 +491,13 @@ def _numbers(text: str) -> list[int | None]:
     return [None if one is None else int(one[0]) for one in found]
 
 
+def _place(offset: Window, counter: int, reach: Window) -> Window:
+    """Where an axis of that counter is, which goes round at 32 bits (MN4-MOT-06): of all places the
+    nearest to where it may be."""
+    places = [shift(offset, (counter + round_, counter + round_)) for round_ in (0, TURN, -TURN)]
+    return min(places, key=lambda place: max(0, place[0] - reach[1], reach[0] - place[1]))
+
+
 def _planes(plane: tuple[int, int, int] | None) -> Sequence[tuple[int, int, int]]:
     """The planes that may be meant."""
     if plane is not None:
@@ -520,20 +538,14 @@ def _jog_speed(
 
 
 def _enter(letter: str) -> Act:
-    def entered(
-        guard: BoardTravelGuard, state: BoardReach, numbers: Sequence[int | None]
-    ) -> BoardReach:
-        program = None if letter == "Z" else state.program
-        configuration = None if letter == "." else state.configuration
-        return replace(state, entry=letter, lines=(), program=program, configuration=configuration)
-
-    return entered
+    return lambda guard, state, numbers: state.entered(letter)
 
 
 _ACTS: Final[Mapping[str, Act]] = {
     "M": BoardTravelGuard._move, "T": BoardTravelGuard._thread, "A": BoardTravelGuard._circle,
     "+": BoardTravelGuard._helix, "L": BoardTravelGuard._load, "I": BoardTravelGuard._mode,
     "P": BoardTravelGuard._plane, "Q": BoardTravelGuard._halt, "J": BoardTravelGuard._jog,
-    "B": BoardTravelGuard._lash, "V": _speed, "F": _profile, "Y": _jog_speed,
+    "B": BoardTravelGuard._lash, "D": BoardTravelGuard._remembered, "V": _speed, "F": _profile,
+    "Y": _jog_speed,
     "(": _enter("("), "Z": _enter("Z"), ".": _enter("."),
 }  # fmt: skip
