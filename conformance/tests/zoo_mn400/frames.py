@@ -285,8 +285,9 @@ def a_repeat_has_another_code(patch: MonkeyPatch) -> None:
 
         def other(now: int) -> Any:
             last = again(now)
-            is_done = last is not None and last.code == ReturnCode.DONE
-            return last._replace(code=ReturnCode.NOMOVEPENDING) if is_done else last
+            if last is None or last.code != ReturnCode.DONE:
+                return last
+            return last._replace(code=ReturnCode.NOMOVEPENDING)
 
         return answer._replace(parts=[answer.parts[0]._replace(message=other)])
 

@@ -6,9 +6,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from axistwin.devices.mn400 import orders
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
-from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile
+from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, arc_is_round, straight
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from zoo_mn400.planting import (
@@ -237,17 +238,13 @@ def clockwise_is_the_other_way_round(patch: MonkeyPatch) -> None:
 @board_mutant("MN4-CMD-A-04", "MN4-ARC-02")
 def radii_may_differ_by_a_tenth(patch: MonkeyPatch) -> None:
     """What is nearly round is taken for an arc."""
-    from axistwin.devices.mn400 import orders
-
     patch.setattr(orders, "arc_is_round", lambda rules, center, end: center != (0, 0))
 
 
 @board_mutant("MN4-ARC-07")
 def a_radius_of_zero_is_taken(patch: MonkeyPatch) -> None:
     """A0,0,0,0,1 draws DONE."""
-    from axistwin.devices.mn400 import orders
-
-    check = orders.arc_is_round
+    check = arc_is_round
     patch.setattr(
         orders,
         "arc_is_round",
@@ -256,7 +253,7 @@ def a_radius_of_zero_is_taken(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, now: int, settings: MoveSettings, plane: Any, center: Any, *rest: Any) -> Any:
         if center == (0, 0):
-            return orders.straight(now, settings, (0, 0, 0, 0))
+            return straight(now, settings, (0, 0, 0, 0))
         return go(now, settings, plane, center, *rest)
 
     plans(patch, "arc", act)
@@ -265,12 +262,11 @@ def a_radius_of_zero_is_taken(patch: MonkeyPatch) -> None:
 @board_mutant("MN4-ARC-02", traps=(18,))
 def radii_must_be_equal(patch: MonkeyPatch) -> None:
     """The arc of 45 degrees of the manual is refused."""
-    from axistwin.devices.mn400 import orders
 
     def is_round(rules: Any, center: Any, end: Any) -> bool:
         first = center[0] ** 2 + center[1] ** 2
         second = (end[0] - center[0]) ** 2 + (end[1] - center[1]) ** 2
-        return first == second != 0
+        return bool(first == second != 0)
 
     patch.setattr(orders, "arc_is_round", is_round)
 
@@ -426,7 +422,7 @@ def a_count_is_that_of_the_major_axis(patch: MonkeyPatch) -> None:
     """E1 counts without the multiplex."""
 
     def act(go: Any_, mover: Mover, motion: Any, now: int) -> int:
-        return int(go()) // motion.settings.multiplex
+        return int(int(go()) // motion.settings.multiplex)
 
     around(patch, Mover, "_counted", act)
 

@@ -176,11 +176,9 @@ three_is_a_multiplex = _wider("X", 0, "MN4-CMD-X-01", "three is a multiplex", al
 zero_is_a_multiplex = _wider("X", 0, "MN4-CMD-X-01", "zero is a multiplex", allowed=(0, 1, 2, 4))
 zero_is_an_id = _wider("=", 0, "MN4-CMD-ADDR-02", "zero is an id", low=0)
 ids_go_up_to_255 = _wider("=", 0, "MN4-CMD-ADDR-02", "ids go up to 255", high=255)
-backlash_may_be_negative = _wider("B", None, "MN4-CMD-B-02", "backlash may be negative", low=-32767)
 zero_is_a_direction = _wider("D", None, "MN4-CMD-D-01", "zero is a direction", allowed=(0, 1, -1))
-there_is_an_axis_five = _wider("P", None, "MN4-CMD-P-02", "there is an axis five", high=5)
+there_is_an_axis_five = _wider("P", None, "MN4-ERR-02", "there is an axis five", high=5)
 a_tap_may_be_zero = _wider("G", None, "MN4-CMD-G-02", "a tap may be zero", low=0)
-a_speed_may_be_one = _wider("V", 0, "MN4-CMD-V-04", "a speed may be one", low=1)
 feed_hold_has_three_modes = _wider(
     ";", 0, "MN4-ERR-02", "feed hold has three modes", allowed=(0, 1, 2)
 )
@@ -323,18 +321,6 @@ def trailing_parameters_are_required(patch: MonkeyPatch) -> None:
 def an_omitted_axis_goes_to_zero(patch: MonkeyPatch) -> None:
     """In absolute mode M,,-100 drives the other axes to 0."""
     parameter(patch, "M", None, omitted=0)
-
-
-@board_mutant("MN4-CMD-F-02")
-def a_profile_may_fall(patch: MonkeyPatch) -> None:
-    """F5000,1000,1 is taken, its speeds exchanged."""
-
-    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
-        start, end, rest = given
-        is_falling = None not in (start, end) and start > end
-        return go((end, start, rest) if is_falling else given)
-
-    commands(patch, "F", act)
 
 
 @board_mutant("MN4-CMD-E-03")

@@ -95,7 +95,7 @@ def parameter(patch: MonkeyPatch, letter: str, index: int | None, **changes: Any
         replace(one, **changes) if index in (None, number) else one
         for number, one in enumerate(command.parameters)
     )
-    patch.setitem(grammar.COMMANDS, letter, replace(command, parameters=changed))  # type: ignore[arg-type]
+    patch.setitem(grammar.COMMANDS, letter, replace(command, parameters=changed))
 
 
 def fits(patch: MonkeyPatch, act: Any_) -> None:
@@ -138,7 +138,7 @@ def cells(
     """Write a treatment into cells of the table of acceptance."""
     for letter in letters:
         for state in states:
-            patch.setitem(TABLE, (letter, state), treatment)  # type: ignore[arg-type]
+            patch.setitem(TABLE, (letter, state), treatment)
 
 
 def begins_with(patch: MonkeyPatch, **settings: Any) -> None:
