@@ -13,8 +13,8 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.board_family import Mn400
 from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.families.mn400.grammar import ParsedCommand, Refusal
 
 # The small board does not move.

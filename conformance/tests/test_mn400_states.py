@@ -12,8 +12,8 @@ from mn400_twin import AlteredTwin, judged, session_of
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.board_family import Mn400
 from axistwin_conformance.families.mn400.codec import ReturnCode
+from axistwin_conformance.families.mn400.family import Mn400
 
 pytestmark = pytest.mark.strength
 

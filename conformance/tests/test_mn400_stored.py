@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -18,8 +19,8 @@ from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mn400 import codec, snapshot
 from axistwin_conformance.families.mn400.address_recovery import brought_back, change_rate
-from axistwin_conformance.families.mn400.board_family import Mn400
 from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.families.mn400.programs import NOT_READABLE, enter_program, listing
 from axistwin_conformance.transport.rig import RigChoice
 from axistwin_conformance.transport.serial import SerialTransport
@@ -31,12 +32,14 @@ NAMES = tuple(one.name for one in CHECKS)
 
 
 def run(
-    words: tuple[str, ...], neighbours: tuple[int, ...] = (), **quirks: str
+    words: tuple[str, ...],
+    neighbours: tuple[int, ...] = (),
+    quirks: Mapping[str, str] | None = None,
 ) -> tuple[Result, list[events.Event]]:
     """Judge a twin with everything allowed."""
     ids = ",".join(f"mn400:{board}" for board in (1, *neighbours))
     url = f"axistwin://{ids}?time=virtual"
-    url += "".join(f"&quirk.{name}={value}" for name, value in quirks.items())
+    url += "".join(f"&quirk.{name}={value}" for name, value in (quirks or {}).items())
     given: dict[str, Any] = {
         "family": FAMILY,
         "model": "mn400",
@@ -89,7 +92,7 @@ READINGS = [
 @pytest.mark.parametrize("readings", READINGS, ids=["one", "two", "three"])
 def test_a_twin_of_other_readings_conforms_and_is_found_out(readings: dict[str, str]) -> None:
     """The probes tell the readings, and the checks hold the board to them."""
-    result, _ = run(NAMES, **readings)
+    result, _ = run(NAMES, quirks=readings)
     assert wrong(result) == []
     assert {switch: result.readings.get(switch) for switch in readings} == readings
 
@@ -98,7 +101,7 @@ def test_a_twin_of_other_readings_conforms_and_is_found_out(readings: dict[str, 
 @pytest.mark.parametrize("reading", ["immediate", "poll_only"])
 def test_what_is_said_to_all_boards_may_be_answered_otherwise(reading: str) -> None:
     """At once, or not at all but for polls."""
-    result, _ = run(NAMES, (2, 5), broadcast_reply=reading)
+    result, _ = run(NAMES, (2, 5), {"broadcast_reply": reading})
     assert wrong(result) == []
     assert result.readings["broadcast_reply"] == reading
 

@@ -138,3 +138,6 @@ class Mn400(Family):
     def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
         """See `lenient`."""
         return lenient.lenient(session.address, request, reply)
+
+
+FAMILY: Final = Mn400()
