@@ -14,7 +14,7 @@ from axistwin_conformance.base.errors import CannotDo, OutsideEnvelope
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.core.session import Envelope, Run, Session, Stop
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.board_family import Mn400
+from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.transport.rig import TwinRig
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 

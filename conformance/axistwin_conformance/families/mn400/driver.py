@@ -199,8 +199,11 @@ class BoardDriver:
             self.client.send(self.client.request(leaving))
             self.client.listen(self.session.reply_timeout_s)
 
+    def slots_s(self, value_bytes: int = codec.STATUS_BYTES) -> float:
+        """How long the replies of this board and its neighbours to all may take."""
+        slot_s = max(self.client.poll_slot_s(), self.client.usual_slot_s(value_bytes))
+        return slot_s * max(self.board, *self.session.neighbours, 1) + self.session.reply_timeout_s
+
     def poll_slot_s(self) -> float:
-        """How long a board waits for each id before its own when all are asked (MN4-DROP-03)."""
-        reading = self.reading("poll_slot_ms")
-        two_packets_s = 2 * codec.STATUS_BYTES * self.target.byte_ns / 1e9
-        return two_packets_s + 0.002 if reading == "auto" else int(reading) / 1000
+        """See `BoardClient.poll_slot_s`."""
+        return self.client.poll_slot_s()

@@ -20,14 +20,17 @@ from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.hold import hold_text
 from axistwin_conformance.families.mn400.checks.queue import slow_board
 from axistwin_conformance.families.mn400.client import BoardExchange
+from axistwin_conformance.families.mn400.driver import DATA
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.model.states import BoardState, CellOutcome, state_table
-from axistwin_conformance.families.mn400.motion.board_motion import MOTION
+from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
 ORDER = 140
 
 STATE_S: Final = 20  # for which a motion lasts that no command ends
 STEPS: Final = 400
+MOST_QUEUED: Final = 4  # commands that are left waiting, at most
+SETTLED_S: Final = 0.6  # by which a state that was entered would show
 # Commands as they are sent in every state; what moves goes a few steps.
 TEXTS: Final = (
     "/", "?", "S", "N", "E", "[", ":", "*", "&", "K", "|", "X1", "B0,0,0,0", "D1,1,1,1",
@@ -39,6 +42,22 @@ REPEATS: Final = ("data", "DONE", "PRESENT", "NOMOVEPENDING", "MOVEPENDING", "IN
                   "PARA_ERROR", "BUSY", "BAUDCHANGEOK")  # fmt: skip
 
 
+def unchanged(motion: BoardMotion) -> tuple[str, ...]:
+    """Settings as the board has them, and hold."""
+    driver, settings = motion.driver, motion.model.settings
+    return (
+        f"={driver.board}", f"~{codec.RATES.index(driver.target.baud)}", f"V{settings.speed}",
+        f"F{','.join(map(str, settings.profile))}", motion.plane(1, 3, 2),
+        motion.mode(is_absolute=False), hold_text(motion),
+    )  # fmt: skip
+
+
+def is_listing(exchange: BoardExchange) -> bool:
+    """True for START and any number of lines, whatever ends them (MN4-AMB-41)."""
+    first, *lines = exchange.codes or ("",)
+    return first == "START" and {*lines} <= {"data", "DONE"} and not exchange.strays
+
+
 class StateRow:
     """The cells of one state.  `waiting`: whose business a command is that is queued or kept;
     `other`: whose every other one is."""
@@ -48,18 +67,12 @@ class StateRow:
         self.waiting, self.other = waiting, other
         self.motion, self.steps = slow_board(session, STATE_S, STEPS)
         self.driver = self.motion.driver
+        self._queued = 0  # commands that wait; the queue may be a short one
 
     def judge(self) -> None:
         """Judge every cell."""
         self._enter()
-        speed = self.motion.model.settings.speed
-        start, end, acceleration = self.motion.model.settings.profile
-        own = (
-            f"={self.driver.board}", f"~{codec.RATES.index(self.driver.target.baud)}", f"V{speed}",
-            f"F{start},{end},{acceleration}", self.motion.plane(1, 3, 2),
-            self.motion.mode(is_absolute=False), hold_text(self.motion),
-        )  # fmt: skip
-        for text in (*TEXTS, *own):
+        for text in (*TEXTS, *unchanged(self.motion)):
             if not self._judge_cell(text):
                 self._leave()
                 self._enter()
@@ -77,24 +90,39 @@ class StateRow:
             self.session.expect(is_right, self.other, "one packet", exchange, "to &")
             return True
         rule = rule_of(text)
-        if rule and rule.form is ReplyForm.LISTING and self._is_listing(exchange):
+        if rule and rule.form is ReplyForm.LISTING and is_listing(exchange):
             return True
         if not self.driver.fits(text, exchange, expected):
             return False
-        if exchange.codes[-1:] == ("DONE",) or text == "K":
+        if exchange.codes[-1:] == ("DONE",) or text == "K" or self._is_kept(text):
             model.accept(text, span)
-        return model.states(self.motion.span(exchange)) == {self.state}
+        self._queued += self._requirement(text) == self.waiting
+        is_staying = model.states(span) == {self.state} and self._queued < MOST_QUEUED
+        if not is_staying:
+            self._judge_entered(text)
+        return is_staying
 
-    @staticmethod
-    def _is_listing(exchange: BoardExchange) -> bool:
-        """True for START and any number of lines, whatever ends them (MN4-AMB-41)."""
-        first, *lines = exchange.codes or ("",)
-        return first == "START" and {*lines} <= {"data", "DONE"} and not exchange.strays
+    def _judge_entered(self, text: str) -> None:
+        """Judge in what state the last command has left the board: ? draws what it draws there, and
+        the axes are where they are to be."""
+        self.driver.target.wait(SETTLED_S)
+        exchange = self.driver.ask("?")
+        expected = self.motion.model.expect("?", self.motion.span(exchange))
+        is_right = exchange.codes in expected.replies
+        told = sorted(" and ".join(reply) for reply in expected.replies)
+        name = self._requirement(text)
+        self.session.expect(is_right, name, told, exchange, f"to ? behind {text}")
+        if exchange.codes == DATA:
+            self.motion.look(self.other)
 
     def _requirement(self, text: str) -> str:
         cell = state_table().get((text[:1].upper(), self.state))
         waits = (CellOutcome.QUEUED, CellOutcome.PENDING, CellOutcome.BUFFERED)
         return self.waiting if cell and cell.outcome in waits else self.other
+
+    def _is_kept(self, text: str) -> bool:
+        cell = state_table().get((text[:1].upper(), self.state))
+        return cell is not None and cell.outcome is CellOutcome.PENDING
 
     def _trace(self) -> None:
         """Judge that the axes are where what was accepted leads them."""
@@ -102,6 +130,7 @@ class StateRow:
             self.motion.look(self.other)
 
     def _enter(self) -> None:
+        self._queued = 0
         self.motion.ready(speed=max(2, round(self.steps / STATE_S)))
         for text in ENTERING[self.state](self):
             exchange = self.driver.ask(text)
@@ -110,7 +139,10 @@ class StateRow:
 
     def _leave(self) -> None:
         """End whatever may be going on, pending or entered, in any reading."""
-        for text in ("Q", "K", "Q", "J0"):
+        takes = self.driver.reading("hold_takes_arg") == "true"
+        is_flushed = self.driver.reading("quit_flushes_queue") == "true"
+        ends = ["Q"] * (1 if is_flushed else MOST_QUEUED + 2)
+        for text in (*ends, "K", *ends, *(["H0"] if takes else []), "J0"):
             self.driver.ask(text)
 
 

@@ -15,6 +15,7 @@ ORDER = 120  # of this module in a run; see `Family.modules`
 
 STEPS: Final = 400  # of a move that is looked at while it runs
 MOVE_S: Final = 2
+LOOKS: Final = 12
 MOST_QUEUED: Final = 200  # commands; a queue that takes more is not looked for
 PRESENT: Final = ("START", "PRESENT")
 
@@ -30,16 +31,26 @@ def slow_board(
     return motion, steps
 
 
+def needs_flags(session: Session) -> None:
+    """Leave the check out where a board has no ; and : (MN4-AMB-38)."""
+    if session.reading("has_feedhold_cmds") == "false":
+        session.skip("this board has no ; and : (MN4-AMB-38)")
+
+
 @check("MN4-RSP-15", safety=MOTION)
 def a_position_is_of_one_instant(session: Session) -> None:
-    """Of two axes that go the same way no reading shows one behind the other, or going back."""
+    """Of axes that go equally far no reading shows one behind the other, nor any going back."""
     motion, steps = slow_board(session)
     motion.set(f"M{steps},{steps},,{-steps}")
-    rows = motion.follow("MN4-RSP-15", samples=12)
+    rows = []
+    for _ in range(LOOKS):
+        session.target.wait(MOVE_S / LOOKS)
+        rows.append(motion.driver.position())
     is_one = all(row[0] == row[1] == -row[3] for row in rows)
     motion.driver.tells(is_one, "MN4-RSP-15", "axes 1, 2 and 4 as far as one another", rows)
     firsts = [row[0] for row in rows]
     motion.driver.tells(firsts == sorted(firsts), "MN4-RSP-15", "no way back", firsts)
+    motion.rest()
 
 
 @check("MN4-STM-01", safety=MOTION)
@@ -61,7 +72,8 @@ def in_motion_reads_are_answered_at_once(session: Session) -> None:
     driver = motion.driver
     motion.set(f"M{steps}")
     limit_s = REPLY_LIMIT_S + session.target.uncertainty_ns / 1e9
-    for text in ("E", "N", "S", "/", "?", "[", ":", "*", "&"):
+    flags = [":"] if driver.reading("has_feedhold_cmds") == "true" else []
+    for text in ("E", "N", "S", "/", "?", "[", *flags, "*", "&"):
         wanted = PRESENT if text == "*" else ("PRESENT",) if text == "&" else DATA
         exchange = driver.draws(text, wanted, "MN4-STM-02")
         took_s = (exchange.done_ns - exchange.asked_ns) / 1e9
@@ -72,7 +84,8 @@ def in_motion_reads_are_answered_at_once(session: Session) -> None:
 
 @check("MN4-STM-02", "MN4-CMD-FH-02", "MN4-CMD-EXIT-03", safety=MOTION)
 def in_motion_what_is_no_setting_of_motion_works_at_once(session: Session) -> None:
-    """; and | and H in motion: the flags tell so before the move is over."""
+    """; and | in motion: : and / tell so before the move is over."""
+    needs_flags(session)
     motion, steps = slow_board(session, 4)
     driver = motion.driver
     motion.do(f"M{steps}", "MN4-STM-02")
@@ -129,6 +142,7 @@ def a_repetition_repeats_and_carries_nothing_out(session: Session) -> None:
 @check("MN4-CMD-SW-01", safety=MOTION)
 def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
     """AbortFlag is 1 after Q has ended a move, 0 after | and behind the next move."""
+    needs_flags(session)
     motion, steps = slow_board(session)
     for ends in (("|",), (f"M{steps}",)):
         motion.set(f"M{steps}")

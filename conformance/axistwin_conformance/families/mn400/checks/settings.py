@@ -1,5 +1,5 @@
-"""What settings do to the moves behind them, and what is refused of what moves (B, D, L, C; ERR,
-PAR)."""
+"""What is refused of commands that move, hold or collect, and of spaces; what L leaves alone (ERR,
+PAR, PKT, A, C, H, L)."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from axistwin_conformance.families.mn400.snapshot import restoring
 ORDER = 125
 
 STEPS: Final = 60
-MOVE_S: Final = 0.5
-LASH: Final = 50
 MOVERS: Final = "MA+TCJ"
 SWITCHES: Final = "H("
 NUMBER: Final = re.compile("[0-9]+")
@@ -76,27 +74,6 @@ def a_space_is_no_part_of_a_command(session: Session) -> None:
     for text, codes in ((" E", unknown), ("E ", driver.errors("PARA_ERROR")),
                         ("V 2000", driver.errors("PARA_ERROR"))):  # fmt: skip
         driver.draws(text, codes, "MN4-PKT-12")
-
-
-@check("MN4-CMD-B-01", "MN4-CMD-D-02", "MN4-CMD-L-03", safety=MOTION)
-def lash_is_made_up_for_by_direction(session: Session) -> None:
-    """The first move against the remembered direction takes as much longer as its axis has lash;
-    D sets that direction, L does not."""
-    motion, steps = slow_board(session, MOVE_S, STEPS)
-    motion.needs_room(steps + 2 * LASH, "these moves")
-    driver = motion.driver
-    if driver.reading("backlash_counts") == "true":
-        session.skip("this board counts its compensation")
-    motion.run(f"M{-steps}", "MN4-CMD-B-01")
-    motion.do(f"B{LASH},{LASH},0,0", "MN4-CMD-B-01")
-    motion.do("D1,-1,1,1", "MN4-CMD-D-02")
-    motion.run(f"M{steps}", "MN4-CMD-D-02")
-    motion.run(f"M,{steps}", "MN4-CMD-D-02")
-    motion.run(f"M{-steps},{steps}", "MN4-CMD-B-01")
-    motion.do("L1,2,3,4", "MN4-CMD-L-03")
-    motion.run(f"M{-steps},{steps}", "MN4-CMD-L-03")
-    motion.do("B0,0,0,0", "MN4-CMD-B-01")
-    motion.run(f"M{3 * steps},{-3 * steps}", "MN4-CMD-B-01")
 
 
 @check("MN4-CMD-L-03", safety=MOTION)

@@ -92,7 +92,7 @@ class BoardModel:
         self.reading = reading
         self.settings = power_on(reading) if settings is None else settings
         self.timeline = MotionTimeline()
-        self.pending: ParsedCommand | None = None
+        self.pending: ParsedCommand | PlannedMotion | None = None
         self.contour: ContourEntry | None = None
         self.entry: BoardState | None = None  # PRG or CFG
         self.lines: list[str] = []  # of the entry
@@ -158,18 +158,32 @@ class BoardModel:
             return Expectation(frozenset({("data",), ("DONE",), ()}), "MN4-CMD-RTX-01")
         if self.entry is not None:
             return self._of_line(text)
-        if rule_of(text) is None:
+        if rule_of(text) is None or self._is_missing(letter):
             return self._error("INVALIDCOMMAND", "MN4-ERR-01", is_recognised=False)
         found = [self._of_state(letter, text, state) for state in self._states_for(letter, now)]
         replies = frozenset(reply for one in found for reply in one.replies)
         return Expectation(replies, found[0].requirement, any(one.is_open for one in found))
 
+    def _is_missing(self, letter: str) -> bool:
+        """True for a command that not every board has (MN4-AMB-38)."""
+        return letter in (";", ":") and self.reading("has_feedhold_cmds") == "false"
+
+    def expect_in(self, text: str, state: BoardState) -> Expectation:
+        """What a command may draw in a state, whatever else is known."""
+        if rule_of(text) is None or self._is_missing(text[:1]):
+            return self._error("INVALIDCOMMAND", "MN4-ERR-01", is_recognised=False)
+        return self._of_state(text[:1].upper(), text, state)
+
     def _states_for(self, letter: str, now: Span) -> frozenset[BoardState]:
         """The states by which a command is judged: with hold on, what asks for motion is kept even
         while a released motion runs."""
         states = self.states(now)
-        keeps = self.settings.holds and letter in MOTIONS and BoardState.HPD not in states
+        keeps = self._keeps(letter) and BoardState.HPD not in states
         return frozenset({BoardState.HLD}) if keeps and not states & {BoardState.CCB} else states
+
+    def _keeps(self, letter: str) -> bool:
+        """True if hold keeps that command now (MN4-AMB-18)."""
+        return self.settings.holds and letter in self.reading("hold_scope")
 
     def _of_state(self, letter: str, text: str, state: BoardState) -> Expectation:
         cell = self._cell(letter, state)
@@ -187,6 +201,8 @@ class BoardModel:
 
     def _cell(self, letter: str, state: BoardState) -> StateCell:
         """The cell of the table, in the reading of this board (MN4-AMB-16)."""
+        if state is BoardState.HLD and letter in MOTIONS and not self._keeps(letter):
+            state = BoardState.RDY
         cell = state_table()[letter, state]
         exempt = self.reading("movepending_exempt").replace("&", "")
         if state is BoardState.HPD and letter in exempt and letter != "K":
@@ -309,10 +325,12 @@ class BoardModel:
             self._take_segment(command, now)
         elif letter == "K":
             self._release(now)
+        elif self._keeps(letter) and (letter in MOTIONS or letter in _ENTERING):
+            self.pending = command
         elif letter in MOTIONS:
-            self._move(command, now)
+            self._run(self._motion(command), now)
         elif letter == "L":
-            self._load(command)
+            self._load(command, now)
         elif letter in _ENTERING:
             _ENTERING[letter](self, command)
         elif letter in "Q{}":
@@ -341,7 +359,11 @@ class BoardModel:
         elif command.letter == ")":
             self.contour = None
             self.settings = replace(self.settings, speed=entry.speed)  # MN4-CMD-CC-07
-            self._run(self._contour_motion(entry), now)
+            motion = self._contour_motion(entry)
+            if self._keeps(")") and motion is not None:
+                self.pending = motion
+            else:
+                self._run(motion, now)
         elif command.letter == "Q":
             self.contour = None
             if self.reading("quit_in_entry") == "both":
@@ -375,12 +397,6 @@ class BoardModel:
     @property
     def _is_early(self) -> bool:
         return self.reading("step_phase") == "start"
-
-    def _move(self, command: ParsedCommand, now: Span) -> None:
-        if self.settings.holds:
-            self.pending = command
-            return
-        self._run(self._motion(command), now)
 
     def _motion(self, command: ParsedCommand) -> PlannedMotion:
         """What a motion command asks for, with the settings in force (MN4-STM-07)."""
@@ -429,19 +445,30 @@ class BoardModel:
             self.timeline.add(motion, now)
 
     def _release(self, now: Span) -> None:
-        if self.pending is not None:
-            command, self.pending = self.pending, None
-            self._run(self._motion(command), now)
-            if self.reading("hold_after_release") == "one_shot":
-                self.settings = replace(self.settings, holds=False)
+        held, self.pending = self.pending, None
+        if held is None:
+            return
+        if isinstance(held, PlannedMotion):
+            self._run(held, now)
+        elif held.letter in MOTIONS:
+            self._run(self._motion(held), now)
+        else:
+            _ENTERING[held.letter](self, held)
+        if self.reading("hold_after_release") == "one_shot":
+            self.settings = replace(self.settings, holds=False)
 
-    def _load(self, command: ParsedCommand) -> None:
-        """Counters from here on; those of motions that still run come before it in the queue."""
+    def _load(self, command: ParsedCommand, now: Span) -> None:
+        """Counters from here on; those of motions that still run come before it in the queue, or
+        are loaded as they run (MN4-AMB-52)."""
         left_out = (0, 0) if self.reading("omitted_param") == "zero" else None
-        pairs = zip(self.timeline.end, command.values, strict=True)
+        is_queued = self.reading("queue_modal") == "true"
+        here = self.timeline.end if is_queued else self.where(now)
+        pairs = zip(here, command.values, strict=True)
         place: Place = tuple((left_out or was) if one is None else (one, one) for was, one in pairs)
         rows = self.timeline.motions or self.timeline.held
-        if rows:  # behind what is paused, too
+        if rows and not is_queued:
+            self.timeline.shift(here, place)
+        elif rows:  # behind what is paused, too
             rows[-1] = replace(rows[-1], end=place)
         else:
             self.timeline.place = place
@@ -464,7 +491,9 @@ class BoardModel:
     def _quit(self, now: Span) -> None:
         self.was_aborted = self.timeline.may_run(now) or self.is_paused or self.is_running
         self.is_paused = self.is_running = False
-        self.timeline.stop(now)
+        self.pending = None  # only a board that serves Q meanwhile comes here (MN4-AMB-16)
+        flushes = self.reading("quit_flushes_queue") == "true"
+        self.timeline.stop(now, flushes=flushes)
 
     # --- what it tells ----------------------------------------------------------------------------
 
@@ -481,7 +510,7 @@ class BoardModel:
         self.load(counters)
         command = read_command(text, self.reading)
         if isinstance(command, ParsedCommand) and command.letter == "L":
-            self._load(command)
+            self._load(command, (Fraction(0), Fraction(0)))
         return tuple(low for low, _ in self.timeline.end)
 
     def load(self, position: tuple[int, ...]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Final
 
@@ -323,11 +323,25 @@ class MotionTimeline:
             base = one.base if index else self.place
             self.motions.append(ScheduledMotion(motion, begins, base, one.end))
 
-    def stop(self, now: Span, place: Place | None = None) -> None:
-        """All motion ends and the queue is empty, at some time of this span (MN4-CMD-Q-02)."""
+    def stop(self, now: Span, place: Place | None = None, *, flushes: bool = True) -> None:
+        """All motion ends and the queue is empty, at some time of this span (MN4-CMD-Q-02); or what
+        waited goes on behind the motion that ends (MN4-AMB-62)."""
+        waiting = (self.motions or self.held)[1:]
         self.place = self.where(now) if place is None else place
         self.motions.clear()
         self.held.clear()
+        for one in () if flushes else waiting:
+            self.add(one.motion, now)
+
+    def shift(self, before: Place, after: Place) -> None:
+        """The counters that were there are here now; what moves goes on."""
+        pairs = list(zip(before, after, strict=True))
+        by = tuple((0, 0) if at == to else (to[0] - at[1], to[1] - at[0]) for at, to in pairs)
+        self.place = added(self.place, by)
+        for rows in (self.motions, self.held):
+            rows[:] = [
+                replace(one, base=added(one.base, by), end=added(one.end, by)) for one in rows
+            ]
 
     def observe(self, position: Sequence[int]) -> None:
         """The axes are at rest there, as they have told."""

@@ -185,11 +185,10 @@ def abort_flag_clear(driver: BoardDriver) -> Outcome:
 
 @probe(safety=MOTION)
 def move_abort_use(driver: BoardDriver) -> Outcome:
-    """Whether reads and orders after Q draw MOVE_ABORT."""
+    """Whether Q in a move, and what comes behind it, draws MOVE_ABORT."""
     _, steps = slow(driver)
     driver.command(f"M{steps}")
-    driver.command("Q")
-    codes = {code for text in ("E", "|") for code in driver.ask(text).codes}
+    codes = {code for text in ("Q", "E", "X1", "|") for code in driver.ask(text).codes}
     return 1 if "MOVE_ABORT" in codes else 0
 
 

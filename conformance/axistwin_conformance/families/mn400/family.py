@@ -17,6 +17,7 @@ from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.motion.options import OPTIONS
 from axistwin_conformance.families.mn400.motion.rig_controls import BOARD_CONTROLS
 from axistwin_conformance.families.mn400.motion.travel_guard import BoardTravelGuard
+from axistwin_conformance.families.mn400.programs import NOT_READABLE
 from axistwin_conformance.families.mn400.snapshot import BoardSnapshot
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
@@ -39,7 +40,8 @@ class Mn400(Family):
         "motion": "moves axes, switches outputs, changes modal settings",
         "rig": "inputs, pots, pulses and supply are worked; what they let move, moves",
         "stored": "replaces the stored program (Z)",
-        "destructive": "changes address, rate and the configuration program (=, ~, .)",
+        "destructive": "changes address, rate and the configuration program (=, ~, .);"
+        f" {NOT_READABLE}",
         "end": "axes go back to where they were found, modal settings that were changed to those of"
         " power-on",
     }
@@ -89,12 +91,16 @@ class Mn400(Family):
         return snapshot.restore(session, memory)
 
     def kept(self, memory: BoardSnapshot) -> Mapping[str, Any]:
-        """Counters and feed hold."""
+        """Counters, feed hold and the stored program."""
         return memory.as_object()
 
     def memory_of(self, held: Mapping[str, Any]) -> BoardSnapshot:
         """See `BoardSnapshot.from_object`."""
         return BoardSnapshot.from_object(held)
+
+    def would_lose(self, session: Session, data: bytes) -> str:
+        """Why a program must not be stored; see `snapshot.would_lose`."""
+        return snapshot.would_lose(session, data)
 
     def forbid(self, session: Session, data: bytes) -> str | None:
         """Why these bytes must not be sent; see `safety`.  What they set is noted, to be put
@@ -132,3 +138,6 @@ class Mn400(Family):
     def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
         """See `lenient`."""
         return lenient.lenient(session.address, request, reply)
+
+
+FAMILY: Final = Mn400()
