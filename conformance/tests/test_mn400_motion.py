@@ -12,7 +12,7 @@ from mn400_twin import EVERYTHING, AlteredTwin, failures, judged, session_of
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.board_family import Mn400
+from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.transport.rig import Act, TwinRig
 
 FAMILY = Mn400()

@@ -11,7 +11,7 @@ from axistwin_conformance.base.errors import CannotDo, OutsideEnvelope
 from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.session import Envelope, Session, Stop
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.board_family import Mn400
+from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.families.mn400.motion.travel_guard import BoardTravelGuard
 
 SECOND = 1_000_000_000
