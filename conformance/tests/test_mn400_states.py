@@ -333,7 +333,7 @@ READINGS = [
 
 def of_reading(switch: str, reading: str) -> AlteredTwin:
     """A twin of that reading."""
-    return AlteredTwin(**{switch: quote(reading)})
+    return AlteredTwin(quirks={switch: quote(reading)})
 
 
 @pytest.mark.parametrize(("switch", "reading"), READINGS)

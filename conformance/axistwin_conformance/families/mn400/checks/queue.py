@@ -21,7 +21,7 @@ PRESENT: Final = ("START", "PRESENT")
 
 
 def slow_board(
-    session: Session, seconds: int = MOVE_S, steps: int = STEPS
+    session: Session, seconds: float = MOVE_S, steps: int = STEPS
 ) -> tuple[BoardMotion, int]:
     """A board that is ready for moves of so many steps (or as many as there is room for), each of
     which takes so long; and the steps."""

@@ -101,7 +101,7 @@ def hold_after_release(driver: BoardDriver) -> Outcome:
     codes = driver.ask("?").codes
     if codes == PENDING:
         let_go(motion)
-    return {PENDING: 0, DATA: 1}.get(codes, str(codes))
+    return 0 if codes == PENDING else 1 if codes == DATA else str(codes)
 
 
 @probe(safety=MOTION)
