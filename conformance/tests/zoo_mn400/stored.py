@@ -27,7 +27,7 @@ from zoo_mn400.planting import (
 # --- what is entered ------------------------------------------------------------------------------
 
 
-@board_mutant("MN4-NVM-01", "MN4-STM-04", traps=(37,))
+@board_mutant("MN4-NVM-01", traps=(37,))
 def lines_are_carried_out_when_entered(patch: MonkeyPatch) -> None:
     """L between Z and Ctrl-D loads the counters, and is stored."""
 

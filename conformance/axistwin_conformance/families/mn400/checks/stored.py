@@ -12,8 +12,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
-from axistwin_conformance.families.mn400.probes.stored import RUNNING, STORED
-from axistwin_conformance.families.mn400.programs import (
+from axistwin_conformance.families.mn400.persistence.programs import (
     PROFILE,
     end_program,
     enter_program,
@@ -22,6 +21,7 @@ from axistwin_conformance.families.mn400.programs import (
     program_entry,
     relative_mode,
 )
+from axistwin_conformance.families.mn400.probes.stored import RUNNING, STORED
 from axistwin_conformance.families.mn400.snapshot import restoring
 
 ORDER = 250  # of this module in a run; see `Family.modules`
@@ -49,8 +49,9 @@ def a_program_is_kept_and_not_carried_out(session: Session) -> None:
     driver.command("L1,2,3,4")
     with program_entry(driver):
         for line in LINES:
-            name = "MN4-CMD-Q-04" if line == "Q" else "MN4-STM-04"
-            driver.draws(line, DONE, name)
+            # A Q that has ended the entry shows by what follows it.
+            names = ("MN4-STM-04", *(("MN4-CMD-Q-04",) if line in ("Q", "*") else ()))
+            driver.draws(line, DONE, names)
         driver.judge(end_program(driver), DONE, "MN4-NVM-01")
     driver.draws("*", ("START", "PRESENT"), "MN4-NVM-01")
     position = driver.position()
