@@ -13,6 +13,7 @@ from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, arc_is_rou
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from zoo_mn400.planting import (
+    MS,
     Any_,
     MonkeyPatch,
     around,

@@ -133,16 +133,6 @@ def a_line_with_a_wrong_sum_is_stored(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "_serve", act)
 
 
-@board_mutant("MN4-NVM-08")
-def the_store_is_without_end(patch: MonkeyPatch) -> None:
-    """Lines are counted by their number: 8192 of them fit."""
-
-    def act(go: Any_, store: ProgramStore, lines: Any) -> int:
-        return len(lines)
-
-    around(patch, ProgramStore, "_length", act)
-
-
 @board_mutant("MN4-NVM-09", "MN4-NVM-02")
 def what_does_not_fit_pushes_the_first_line_out(patch: MonkeyPatch) -> None:
     """MEMORY_FULL is sent, and the first line is gone."""
@@ -231,7 +221,7 @@ def the_last_speed_of_a_program_is_that_of_all_moves(patch: MonkeyPatch) -> None
     commands(patch, "U", act)
 
 
-@board_mutant("MN4-NVM-13", "MN4-RSP-14")
+@board_mutant("MN4-NVM-13")
 def the_first_line_of_a_program_is_answered(patch: MonkeyPatch) -> None:
     """A program of three lines says DONE when it begins."""
 
