@@ -15,7 +15,7 @@ from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.codec import ReturnCode
 from axistwin_conformance.families.mn400.family import Mn400
 
-pytestmark = pytest.mark.strength(seconds=60)
+pytestmark = pytest.mark.strength
 
 MODULES = ("queue", "settings", "hold", "acceptance", "entry_states", "rig_panel")
 CHECKS = {one.name: one for one in Mn400().checks() if one.module.rpartition(".")[2] in MODULES}
@@ -333,7 +333,7 @@ READINGS = [
 
 def of_reading(switch: str, reading: str) -> AlteredTwin:
     """A twin of that reading."""
-    return AlteredTwin(**{f"quirk.{switch}": quote(reading)})
+    return AlteredTwin(**{switch: quote(reading)})
 
 
 @pytest.mark.parametrize(("switch", "reading"), READINGS)

@@ -30,6 +30,7 @@ ORDER = 140
 STATE_S: Final = 20  # for which a motion lasts that no command ends
 STEPS: Final = 400
 MOST_QUEUED: Final = 4  # commands that are left waiting, at most
+JOG_SPEED: Final = "Y100"  # in case an input of the panel is on
 SETTLED_S: Final = 0.6  # by which a state that was entered would show
 # Commands as they are sent in every state; what moves goes a few steps.
 TEXTS: Final = (
@@ -96,15 +97,15 @@ class StateRow:
             return False
         if exchange.codes[-1:] == ("DONE",) or text == "K" or self._is_kept(text):
             model.accept(text, span)
-        is_same = model.states(span) == {self.state}
-        if not is_same:
-            self._judge_entered(text)
         self._queued += self._requirement(text) == self.waiting
-        return is_same and self._queued < MOST_QUEUED
+        is_staying = model.states(span) == {self.state} and self._queued < MOST_QUEUED
+        if not is_staying:
+            self._judge_entered(text)
+        return is_staying
 
     def _judge_entered(self, text: str) -> None:
-        """Judge that a command that leads to another state has led there: ? draws what it draws
-        there, and the axes are where they are to be."""
+        """Judge in what state the last command has left the board: ? draws what it draws there, and
+        the axes are where they are to be."""
         self.driver.target.wait(SETTLED_S)
         exchange = self.driver.ask("?")
         expected = self.motion.model.expect("?", self.motion.span(exchange))
@@ -113,7 +114,7 @@ class StateRow:
         name = self._requirement(text)
         self.session.expect(is_right, name, told, exchange, f"to ? behind {text}")
         if exchange.codes == DATA:
-            self.motion.look(name)
+            self.motion.look(self.other)
 
     def _requirement(self, text: str) -> str:
         cell = state_table().get((text[:1].upper(), self.state))
@@ -131,7 +132,7 @@ class StateRow:
 
     def _enter(self) -> None:
         self._queued = 0
-        self.motion.ready(speed=max(2, round(self.steps / STATE_S)))
+        self.motion.ready(JOG_SPEED, speed=max(2, round(self.steps / STATE_S)))
         for text in ENTERING[self.state](self):
             exchange = self.driver.ask(text)
             self.session.step(exchange.is_sound, f"an answer to {text}", exchange)

@@ -57,10 +57,10 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
     motion.ready()
     contour(motion, "(", ("V500", "M100", "M0,100"))
     session.transport.wait(0.5)
-    motion.set("Q")
-    motion.stays("MN4-CMD-CC-02")
-    motion.set(")")
-    motion.stays("MN4-STM-06")
+    for text, requirement in (("Q", "MN4-CMD-CC-02"), (")", "MN4-STM-06")):
+        motion.set(text)
+        counters = motion.stays(requirement)
+        session.expect(not any(counters), requirement, "0, 0, 0, 0", counters, f"after {text}")
     motion.run("M600", "MN4-CMD-CC-04")
     for is_absolute in (False, True):
         motion.ready(motion.mode(is_absolute=is_absolute), "L10,20,30,40")

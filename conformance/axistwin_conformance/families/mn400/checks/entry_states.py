@@ -14,6 +14,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.acceptance import (
+    JOG_SPEED,
     SETTLED_S,
     TEXTS,
     is_listing,
@@ -106,7 +107,7 @@ def while_a_program_runs_reads_are_served(session: Session) -> None:
 
 
 def _run(motion: BoardMotion) -> None:
-    motion.ready(speed=motion.model.settings.speed)
+    motion.ready(JOG_SPEED, speed=motion.model.settings.speed)
     motion.driver.draws("U", DONE, "MN4-CMD-U-01")
     motion.target.wait(SETTLED_S)
 

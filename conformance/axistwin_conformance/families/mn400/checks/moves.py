@@ -127,8 +127,8 @@ def speed_is_that_of_the_axis_that_goes_farthest(session: Session) -> None:
     for multiplex in (1, 2, 4):
         for by in ("1600", "1600,1600,1600,1600", "-1600,-1200,7", "0,-1200,-1600,-1599"):
             motion.ready(f"X{multiplex}")
-            names = ("MN4-MOT-01", "MN4-MOT-05")
-            motion.run(f"M{by}", "MN4-CMD-M-01", "MN4-CMD-M-01", "MN4-MOT-05", names, samples=3)
+            names = ("MN4-CMD-M-01", "MN4-MOT-01", "MN4-MOT-05")
+            motion.run(f"M{by}", "MN4-CMD-M-01", names, "MN4-MOT-05", names, samples=3)
     if motion.room < 60_000 or session.envelope.max_speed < 60_000:
         session.not_run("MN4-MOT-04", "the limit of a multiplex takes 60000 steps at 60000 steps/s")
         return
@@ -170,7 +170,8 @@ def a_move_keeps_the_settings_of_its_time(session: Session) -> None:
     motion.do("M700", "MN4-RSP-06")
     motion.do(motion.mode(is_absolute=False), "MN4-CMD-I-04")
     motion.do("M-300", "MN4-RSP-06")
-    motion.follow("MN4-STM-01", "MN4-CMD-I-04", "MN4-STM-01", samples=8)
+    names = ("MN4-STM-01", "MN4-CMD-I-04")
+    motion.follow(names, "MN4-CMD-I-04", "MN4-STM-01", samples=8)
 
 
 @check("MN4-MOT-06", safety=MOTION)

@@ -8,6 +8,7 @@ from typing import Final, TypeVar
 from axistwin_conformance.families.mn400.planner.vector import AXES, Window
 
 STILL: Final = (0, 0)
+MOST_ALTERNATIVES: Final = 8
 Box = tuple[Window, ...]  # of all axes
 Value = TypeVar("Value")
 
@@ -20,6 +21,12 @@ def join(*windows: Window) -> Window:
 def joined_boxes(*boxes: Box) -> Box:
     """The smallest box around all of them."""
     return tuple(join(*row) for row in zip(*boxes, strict=True))
+
+
+def alternatives(*known: tuple[Box, ...]) -> tuple[Box, ...]:
+    """One thing or another; where there are too many, all that lies between them."""
+    found = tuple(dict.fromkeys(box for boxes in known for box in boxes))
+    return found if len(found) <= MOST_ALTERNATIVES else (joined_boxes(*found),)
 
 
 def shift(window: Window, by: Window) -> Window:
@@ -37,8 +44,9 @@ def shared(one: Window, other: Window) -> Window | None:
 class BoardReach:
     """Places are steps of each axis from where the run found it.
 
-    `reach`: where it is or may still go.  `tip`: where the last motion asked for ends.  `offset`:
-    what has to be added to its counter.  `motions`: how many may be under way or waiting.
+    `reach`: where it is or may still go.  `tip`: where the last motion asked for ends.  `offsets`:
+    what may have to be added to the counters, one thing or another.  `motions`: how many may be
+    under way or waiting.
     `slack`: steps of backlash compensation, which no counter tells; `slack_reach`: all that it may
     have been since the axes were at rest; `memory`: the direction that the board remembers.
     `is_absolute`, `plane` (motors from 0), `speed`, `end_speed`, `jog_speed`, `program`,
@@ -50,7 +58,7 @@ class BoardReach:
 
     reach: Box = (STILL,) * AXES
     tip: Box = (STILL,) * AXES
-    offset: Box = (STILL,) * AXES
+    offsets: tuple[Box, ...] = ((STILL,) * AXES,)
     motions: int = 0
     slack: Box = (STILL,) * AXES
     slack_reach: Box = (STILL,) * AXES
@@ -69,6 +77,11 @@ class BoardReach:
     jogs_since_ns: int | None = None
     begun_by: str = "M"
     seen: tuple[int, ...] | None = None
+
+    @property
+    def offset(self) -> Box:
+        """All that may have to be added to the counters."""
+        return joined_boxes(*self.offsets)
 
     @property
     def far(self) -> Box:
@@ -145,7 +158,7 @@ class BoardReach:
             other,
             reach=joined_boxes(self.reach, other.reach),
             tip=joined_boxes(self.tip, other.tip),
-            offset=joined_boxes(self.offset, other.offset),
+            offsets=alternatives(self.offsets, other.offsets),
             motions=max(self.motions, other.motions),
             slack=joined_boxes(self.slack, other.slack),
             slack_reach=joined_boxes(self.slack_reach, other.slack_reach),

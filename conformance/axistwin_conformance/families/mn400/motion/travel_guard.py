@@ -38,6 +38,7 @@ from axistwin_conformance.families.mn400.codec import BoardPacket
 from axistwin_conformance.families.mn400.motion.reach import (
     BoardReach,
     Box,
+    alternatives,
     join,
     joined_boxes,
     shared,
@@ -275,17 +276,20 @@ class BoardTravelGuard:
     def _load(self, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
         """L: at rest the axes are where they are; in motion it waits, or not (MN4-AMB-52)."""
         is_queued = self.readings.guess("queue_modal", "") == "true"
-        rows = []
-        for axis, (tip, old) in enumerate(zip(state.tip, state.offset, strict=True)):
-            number = numbers[axis] if axis < len(numbers) else None
-            if number is None:
-                zeroed = self.readings.guess("omitted_param", "keep") != "keep"
-                rows.append(join(old, tip) if zeroed else old)
-                continue
-            here = tip if is_queued or not state.motions else state.reach[axis]
-            new = shift(here, (-number, -number))
-            rows.append(join(old, new) if state.motions else new)
-        return replace(state, offset=tuple(rows))
+        zeroes = self.readings.guess("omitted_param", "keep") != "keep"
+        here = state.tip if is_queued or not state.motions else state.reach
+        loaded = []
+        for box in state.offsets:
+            rows = []
+            for axis, old in enumerate(box):
+                number = numbers[axis] if axis < len(numbers) else None
+                if number is None:
+                    rows.append(join(old, here[axis]) if zeroes else old)
+                else:
+                    rows.append(shift(here[axis], (-number, -number)))
+            loaded.append(tuple(rows))
+        known = (state.offsets,) if state.motions else ()
+        return replace(state, offsets=alternatives(*known, tuple(loaded)))
 
     def _mode(self, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
         value = self.readings.guess("abs_mode_value", "")
@@ -351,9 +355,9 @@ class BoardTravelGuard:
     def _restarted(self, state: BoardReach) -> BoardReach:
         """The supply was cut: counters may be 0 or as they were, and all that is volatile is
         forgotten; what the configuration program does is known if the suite has stored it."""
-        zero = joined_boxes(state.offset, state.reach)
+        offsets = alternatives(state.offsets, (state.reach,))
         fresh = BoardReach(
-            reach=state.reach, tip=state.reach, offset=zero, slack=state.slack,
+            reach=state.reach, tip=state.reach, offsets=offsets, slack=state.slack,
             slack_reach=state.slack, program=state.program, configuration=state.configuration,
             begun_by=state.begun_by,
         )  # fmt: skip
@@ -384,12 +388,21 @@ class BoardTravelGuard:
             if said == "data" and asked.command.upper() == "E":
                 self._learn(board, asked, packet)
             return
-        if said in REFUSED:
+        is_refused = said in REFUSED or (said == "MOVEPENDING" and self._is_kept_out(asked))
+        if is_refused:
             self.boards[board] = self._before.get(board, self._after[board])
         elif said in OBEYED:
             self.boards[board] = self._after[board].grown(now_ns)
             if said == "data" and asked.command.upper() == "E":
                 self._learn(board, asked, packet)
+
+    def _is_kept_out(self, asked: BoardPacket) -> bool:
+        """True if MOVEPENDING says that nothing was done, whatever this board makes of moves that
+        become pending and of their release (MN4-AMB-17, MN4-AMB-19)."""
+        letter = asked.command.upper()
+        if letter == "K":
+            return self.readings.guess("release_reply", "") == "done"
+        return letter not in "MA+T)" or self.readings.guess("pending_move_reply", "") == "done"
 
     def _learn(self, board: int, asked: BoardPacket, packet: BoardPacket) -> None:
         """A reading of the counters; those of a measurement may be old ones (MN4-AMB-40)."""
@@ -398,52 +411,41 @@ class BoardTravelGuard:
             return
         if board not in self.boards:
             offset = tuple((-counter, -counter) for counter in counters)
-            self.boards[board] = BoardReach(offset=offset, seen=counters)
+            self.boards[board] = BoardReach(offsets=(offset,), seen=counters)
         elif not self._is_runaway(board, self.boards[board], counters):
             self.boards[board] = self._located(self.boards[board], counters)
 
     def _located(self, state: BoardReach, counters: tuple[int, ...]) -> BoardReach:
         """Narrow down by a reading, where nothing can be moving (rule 3)."""
-        places = [
-            shared(_place(offset, counter, reach), reach)
-            for offset, counter, reach in zip(state.offset, counters, state.reach, strict=True)
+        found = [
+            _places(box, counters, state.reach)
+            for box in state.offsets
+            if not _astray(box, counters, state.reach, 0)
         ]
-        here: Box = tuple(
-            reach if place is None else place
-            for place, reach in zip(places, state.reach, strict=True)
-        )
+        here = joined_boxes(*found) if found else state.reach
         has_arrived = state.motions == 1 and state.begun_by == "M" and here == state.tip
         is_still = state.seen == counters or self.readings.guess("quit_decel", "false") != "true"
         if (state.motions and not has_arrived) or not is_still:
             return replace(state, seen=counters)
-        offset = tuple(
-            (low - counter, high - counter)
-            for (low, high), counter in zip(here, counters, strict=True)
-        )
+        offsets = [
+            tuple((low - one, high - one) for (low, high), one in zip(box, counters, strict=True))
+            for box in found
+        ]
         return replace(
-            state, reach=here, tip=here, offset=offset, motions=0, slack_reach=state.slack,
-            seen=counters,
+            state, reach=here, tip=here, offsets=alternatives(tuple(offsets) or state.offsets),
+            motions=0, slack_reach=state.slack, seen=counters,
         )  # fmt: skip
 
     def _is_runaway(self, board: int, state: BoardReach, counters: tuple[int, ...]) -> bool:
         """True if a board is seen where nothing it was asked for leads; told for good when the next
         reading says the same."""
-        found = [
-            (axis, _place(offset, counter, reach), reach)
-            for axis, (offset, counter, reach) in enumerate(
-                zip(state.offset, counters, state.reach, strict=True)
-            )
-        ]
-        astray = [
-            (axis, place, reach)
-            for axis, place, reach in found
-            if shared(place, (reach[0] - SWING, reach[1] + SWING)) is None
-        ]
-        if not astray:
+        astray = [_astray(box, counters, state.reach, SWING) for box in state.offsets]
+        if not all(astray):
             self._doubtful.discard(board)
             return False
         if board in self._doubtful and not self.runaway:
-            axis, (low, _), (lowest, highest) = astray[0]
+            axis, (low, _) = astray[0][0]
+            lowest, highest = state.reach[axis]
             self.broken = BROKEN[state.begun_by]
             self.runaway = (
                 f"axis {axis + 1} was asked to stay within {lowest:+}..{highest:+} of where it was"
@@ -496,6 +498,25 @@ def _place(offset: Window, counter: int, reach: Window) -> Window:
     nearest to where it may be."""
     places = [shift(offset, (counter + round_, counter + round_)) for round_ in (0, TURN, -TURN)]
     return min(places, key=lambda place: max(0, place[0] - reach[1], reach[0] - place[1]))
+
+
+def _astray(
+    offset: Box, counters: Sequence[int], reach: Box, swing: int
+) -> list[tuple[int, Window]]:
+    """The axes that would be outside of their reach by more than that, and where."""
+    rows = enumerate(zip(offset, counters, reach, strict=True))
+    found = ((axis, _place(*row), row[2]) for axis, row in rows)
+    return [
+        (axis, place)
+        for axis, place, (low, high) in found
+        if shared(place, (low - swing, high + swing)) is None
+    ]
+
+
+def _places(offset: Box, counters: Sequence[int], reach: Box) -> Box:
+    """Where the axes of these counters are, none of which is astray."""
+    rows = zip(offset, counters, reach, strict=True)
+    return tuple(shared(_place(*row), row[2]) or row[2] for row in rows)
 
 
 def _planes(plane: tuple[int, int, int] | None) -> Sequence[tuple[int, int, int]]:

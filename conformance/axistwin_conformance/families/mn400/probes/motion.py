@@ -186,9 +186,9 @@ def cc_corner_speed(driver: BoardDriver) -> Outcome:
 
 @probe(safety=MOTION)
 def cc_margin_scope(driver: BoardDriver) -> Outcome:
-    """The manual's example at a margin of 50."""
+    """The manual's example at a margin of 20."""
     BoardMotion(driver).needs_room(EXAMPLE_STEPS, "this contour")
-    recorded = RecordedMotion(driver, "(50", *EXAMPLE_LINES, ")")
+    recorded = RecordedMotion(driver, "(20", *EXAMPLE_LINES, ")")
     return recorded.watch(1.3).tells("cc_margin_scope")
 
 
