@@ -34,6 +34,7 @@ def make_options(
     ids: tuple[str, ...] = (),
     port: str | None = None,
     can: str | None = None,
+    hid: str | None = None,
     address: int | None = None,
     neighbours: tuple[int, ...] = (),
     baud: int | None = None,
@@ -59,8 +60,12 @@ def make_options(
     from axistwin_conformance.engine.plan import Options
 
     family = find_family(model)
-    endpoints, rates = {"--port": port, "--can": can}, {"--baud": baud, "--bitrate": bitrate}
-    endpoint, rate = choose_endpoint(family.transport_kind, model, endpoints, rates)
+    endpoints = {"--port": port, "--can": can, "--hid": hid}
+    rates = {"--baud": baud, "--bitrate": bitrate}
+    over = family.models[model].over
+    kinds = (family.transport_kind, *over)
+    kind, endpoint, rate = choose_endpoint(kinds, model, endpoints, rates)
+    family = over.get(kind, family)
     is_builtin, is_twin = endpoint is None, endpoint is None or is_twin_url(endpoint)
     address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
     _check_rate(family, model, rate if is_builtin else None)
