@@ -456,7 +456,7 @@ def the_shield_stops_nothing(patch: MonkeyPatch) -> None:
     around(patch, Mover, "shield_changed", lambda go, mover, now: None)
 
 
-@board_mutant("MN4-SHD-02", "MN4-CMD-FH-01")
+@board_mutant("MN4-SHD-02")
 def feed_hold_is_no_pause(patch: MonkeyPatch) -> None:
     """With ;1 an open shield ends the motion."""
 
@@ -502,7 +502,7 @@ def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
     plans(patch, "thread", act)
 
 
-@board_mutant("MN4-CMD-V-02", "MN4-SYN-01")
+@board_mutant("MN4-SYN-01")
 def a_negative_speed_is_a_speed(patch: MonkeyPatch) -> None:
     """V-1 runs without pulses."""
     patch.setattr(MotionOrder, "is_paced", property(lambda order: order.letter == "T"))

@@ -85,7 +85,7 @@ def loads_are_done_in_a_contour(patch: MonkeyPatch) -> None:
     around(patch, Interpreter, "_unsupported", act)
 
 
-@board_mutant("MN4-CMD-CC-04", "MN4-CC-04", traps=(37,))
+@board_mutant("MN4-CMD-CC-02", "MN4-CC-04", traps=(37,))
 def segments_run_at_once(patch: MonkeyPatch) -> None:
     """M between ( and ) moves."""
 

@@ -267,15 +267,14 @@ def a_pause_ends_a_program(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-NVM-12")
-def the_start_switch_is_not_connected(patch: MonkeyPatch) -> None:
-    """It starts nothing, but once."""
+def the_start_switch_runs_one_line(patch: MonkeyPatch) -> None:
+    """It runs the third line of the program alone."""
 
     def act(go: Any_, board: Mn400Board, now: int, line: bytes) -> None:
-        starts = getattr(board, "starts", 0)
-        if line == b"U":
-            board.starts = starts + 1  # type: ignore[attr-defined]
-        if line != b"U" or starts == 0:
-            go()
+        go()
+        if line == b"U" and board.interpreter.program is not None:
+            program = board.interpreter.program
+            board.interpreter.program = type(program)(list(program)[2:3])
 
     around(patch, Mn400Board, "_work_panel", act)
 

@@ -248,3 +248,28 @@ def a_running_program_can_be_paused(session: Session) -> None:
     end = driver.position()
     wanted = (STEPS, STEPS, 0, 0)
     session.expect(end == wanted, "MN4-CMD-PAU-03", wanted, end, "after }")
+
+
+@check("MN4-NVM-12", safety=(*RUNNING, "rig"), needs=("rig:start",))
+@restoring("IVFL")
+def the_start_switch_runs_the_program(session: Session) -> None:
+    """Start on the panel does what U does, or nothing at all (MN4-AMB-56)."""
+    driver = BoardDriver(session)
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), *THERE_AND_BACK))
+    begun_ns, done_ns = session.rig.work("start", True)
+    session.rig.work("start", False)
+    driver.target.wait(MOVE_S / 2)
+    steps = driver.position()[0]
+    late = round((done_ns - begun_ns) / 1e9 * SLOW_SPEED)
+    driver.follows("panel_start", "run_program" if steps else "none", "MN4-NVM-12")
+    if driver.reading("panel_start") == "none":
+        return
+    wanted = range(STEPS // 2 - 3, STEPS // 2 + 3 + late)
+    told = f"{wanted[0]} to {wanted[-1]} steps"
+    is_right = steps in wanted or late > 0
+    session.expect(is_right, "MN4-NVM-12", told, steps, f"{MOVE_S / 2:.2f} s after Start")
+    driver.target.wait(MOVE_S)
+    position = driver.position()
+    session.expect(position == AT_REST, "MN4-NVM-12", AT_REST, position, "at the end")
