@@ -59,13 +59,9 @@ def make_options(
     """
     from axistwin_conformance.engine.plan import Options
 
-    family = find_family(model)
     endpoints = {"--port": port, "--can": can, "--hid": hid}
     rates = {"--baud": baud, "--bitrate": bitrate}
-    over = family.models[model].over
-    kinds = (family.transport_kind, *over)
-    kind, endpoint, rate = choose_endpoint(kinds, model, endpoints, rates)
-    family = over.get(kind, family)
+    family, endpoint, rate = _reached(model, endpoints, rates)
     is_builtin, is_twin = endpoint is None, endpoint is None or is_twin_url(endpoint)
     address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
     _check_rate(family, model, rate if is_builtin else None)
@@ -96,6 +92,17 @@ def make_options(
         jobs=jobs,
     )
     return _with_rig(options, rig, rig_command)
+
+
+def _reached(
+    model: str, endpoints: Mapping[str, str | None], rates: Mapping[str, int | None]
+) -> tuple[Family, str | None, int | None]:
+    """The family that judges the model the way that was given, where, and how fast."""
+    family = find_family(model)
+    over = family.models[model].over
+    kinds = (family.transport_kind, *over)
+    kind, endpoint, rate = choose_endpoint(kinds, model, endpoints, rates)
+    return over.get(kind, family), endpoint, rate
 
 
 def _is_only_detection(family: Family, ids: tuple[str, ...], is_wanted: bool) -> bool:
