@@ -26,14 +26,14 @@ from axistwin_conformance.families.mn400.driver import DONE
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.model.states import BoardState
 from axistwin_conformance.families.mn400.motion.board_motion import BoardMotion
-from axistwin_conformance.families.mn400.probes.stored import RUNNING
-from axistwin_conformance.families.mn400.programs import (
+from axistwin_conformance.families.mn400.persistence.programs import (
     emptied_afterwards,
     end_program,
     enter_program,
     program_entry,
     relative_mode,
 )
+from axistwin_conformance.families.mn400.probes.stored import RUNNING
 
 ORDER = 260
 
