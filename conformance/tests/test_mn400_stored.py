@@ -18,10 +18,17 @@ from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mn400 import codec, snapshot
-from axistwin_conformance.families.mn400.address_recovery import brought_back, change_rate
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.family import Mn400
-from axistwin_conformance.families.mn400.programs import NOT_READABLE, enter_program, listing
+from axistwin_conformance.families.mn400.persistence.address_recovery import (
+    brought_back,
+    change_rate,
+)
+from axistwin_conformance.families.mn400.persistence.programs import (
+    NOT_READABLE,
+    enter_program,
+    listing,
+)
 from axistwin_conformance.transport.rig import RigChoice
 from axistwin_conformance.transport.serial import SerialTransport
 

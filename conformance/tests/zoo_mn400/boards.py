@@ -163,7 +163,7 @@ def the_highest_rate_is_76800(patch: MonkeyPatch) -> None:
 # --- several boards -------------------------------------------------------------------------------
 
 
-@board_mutant("MN4-DROP-02", "MN4-PHY-04", "MN4-CMD-POLL-02")
+@board_mutant("MN4-DROP-02", "MN4-PHY-04")
 def all_boards_answer_a_poll_at_once(patch: MonkeyPatch) -> None:
     """No slots: they collide."""
     around(patch, Mn400Board, "_slot_ns", lambda go, board, letter, payload: 0)

@@ -55,7 +55,7 @@ def targets_are_distances(patch: MonkeyPatch) -> None:
     around(patch, MotionOrder, "distance", act)
 
 
-@board_mutant("MN4-CMD-M-03")
+@board_mutant("MN4-CMD-M-01")
 def axis_2_goes_the_other_way(patch: MonkeyPatch) -> None:
     """A positive parameter counts axis 2 down."""
 
@@ -66,7 +66,7 @@ def axis_2_goes_the_other_way(patch: MonkeyPatch) -> None:
     plans(patch, "straight", act)
 
 
-@board_mutant("MN4-CMD-M-01", traps=(42,))
+@board_mutant("MN4-CMD-M-02", "MN4-CMD-M-03", traps=(42,))
 def long_moves_miss_by_one(patch: MonkeyPatch) -> None:
     """Of a distance of 50 steps or more the last one is not made."""
 
@@ -77,7 +77,7 @@ def long_moves_miss_by_one(patch: MonkeyPatch) -> None:
     plans(patch, "straight", act)
 
 
-@board_mutant("MN4-MOT-03")
+@board_mutant("MN4-CMD-M-01")
 def unnamed_axes_creep(patch: MonkeyPatch) -> None:
     """Axis 4 makes a step with each move."""
 
@@ -120,7 +120,7 @@ def no_move_is_slower_than_the_start_speed(patch: MonkeyPatch) -> None:
     _caps(patch, lambda cap, settings, speed, multiplex: max(cap, settings.profile.start))
 
 
-@board_mutant("MN4-CMD-V-01", "MN4-MOT-01")
+@board_mutant("MN4-CMD-V-01", "MN4-CMD-F-01")
 def speeds_are_a_tenth_less(patch: MonkeyPatch) -> None:
     """The clock of the steps is slow."""
     _caps(patch, lambda cap, settings, speed, multiplex: max(2, cap * 9 // 10))
@@ -168,39 +168,18 @@ def a_speed_acts_on_the_move_that_runs(patch: MonkeyPatch) -> None:
     around(patch, Mover, "set", act)
 
 
-@board_mutant("MN4-CMD-L-02")
-def loads_do_not_move_the_origin(patch: MonkeyPatch) -> None:
-    """An absolute move after L starts from the counters of before."""
-
-    def act(go: Any_, mover: Mover, now: int, values: Any, *rest: Any) -> None:
-        before = mover.position_at(now)
-        go()
-        after = mover.position_at(now)
-        mover.shift = tuple(a - b for a, b in zip(after, before, strict=True))  # type: ignore[attr-defined]
-
-    around(patch, Mover, "load", act)
-
-    def plan(go: Any_, mover: Mover, now: int, order: MotionOrder) -> Any:
-        shift = getattr(mover, "shift", (0, 0, 0, 0))
-        if order.letter == "M" and order.settings.is_absolute:
-            given = tuple(
-                None if n is None else n + by for n, by in zip(order.arguments, shift, strict=True)
-            )
-            order = replace(order, arguments=given)
-        return go(now, order)
-
-    around(patch, Mover, "_plan", plan)
-
-
 @board_mutant("MN4-RSP-05", traps=(2, 46))
 def done_is_sent_at_the_end_of_a_move(patch: MonkeyPatch) -> None:
-    """DONE of M comes a while after START."""
+    """DONE of a move of less than 0.45 s is sent when it is over."""
     from axistwin.devices.mn400.commands import Interpreter
 
     def act(go: Any_, one: Interpreter, line: Any, letter: str) -> Any:
         answer = go()
-        if letter == "M" and one._mover.is_busy:
-            answer.parts[-1] = answer.parts[-1]._replace(wait_ns=200 * MS)
+        motion = one._mover.motion_at(line.now)
+        if letter == "M" and motion is not None and motion.end_ns is not None:
+            wait_ns = motion.end_ns - line.now
+            if wait_ns < 450 * MS:
+                answer.parts[-1] = answer.parts[-1]._replace(wait_ns=wait_ns)
         return answer
 
     around(patch, Interpreter, "_answer", act)
@@ -235,7 +214,7 @@ def clockwise_is_the_other_way_round(patch: MonkeyPatch) -> None:
     )
 
 
-@board_mutant("MN4-CMD-A-04", "MN4-ARC-02")
+@board_mutant("MN4-CMD-A-04")
 def radii_may_differ_by_a_tenth(patch: MonkeyPatch) -> None:
     """What is nearly round is taken for an arc."""
     patch.setattr(orders, "arc_is_round", lambda rules, center, end: center != (0, 0))
@@ -286,7 +265,7 @@ def arcs_end_beside_their_end(patch: MonkeyPatch) -> None:
     plans(patch, "arc", act)
 
 
-@board_mutant("MN4-CMD-HEL-01", "MN4-HEL-01")
+@board_mutant("MN4-CMD-HEL-01", "MN4-HEL-02")
 def a_helix_makes_one_turn_less(patch: MonkeyPatch) -> None:
     """Of four revolutions three are made, and the arc."""
 
@@ -318,7 +297,7 @@ def _contours(patch: MonkeyPatch, change: Any_) -> None:
     )
 
 
-@board_mutant("MN4-CC-02", "MN4-CMD-CC-05", traps=(21,))
+@board_mutant("MN4-CC-02", "MN4-CC-03", traps=(21,))
 def a_contour_stops_at_each_joint(patch: MonkeyPatch) -> None:
     """Each segment begins and ends at start speed."""
     from axistwin.devices.mn400.motion import moves
@@ -326,7 +305,7 @@ def a_contour_stops_at_each_joint(patch: MonkeyPatch) -> None:
     patch.setattr(moves, "_seam", lambda before, after, margin, settings: None)
 
 
-@board_mutant("MN4-CC-01", "MN4-CMD-CC-05")
+@board_mutant("MN4-CC-01", "MN4-CC-02")
 def a_contour_loses_its_last_segment(patch: MonkeyPatch) -> None:
     """What comes right before ) is not made."""
     _contours(patch, lambda segments, margin: (segments[:-1] or segments, margin))
@@ -406,7 +385,7 @@ def what_is_left_is_what_was_made(patch: MonkeyPatch) -> None:
     values(patch, "N", change)
 
 
-@board_mutant("MN4-CMD-E-01", "MN4-MEA-06")
+@board_mutant("MN4-MEA-06")
 def counters_are_told_when_a_move_is_over(patch: MonkeyPatch) -> None:
     """E during a move tells where it began."""
 
@@ -441,7 +420,7 @@ def the_exit_code_is_cleared_by_a_move(patch: MonkeyPatch) -> None:
 # --- limits, shield, panel ------------------------------------------------------------------------
 
 
-@board_mutant("MN4-LIM-01", "MN4-CMD-EXIT-01")
+@board_mutant("MN4-LIM-01")
 def limits_stop_nothing(patch: MonkeyPatch) -> None:
     """They are shown by S, and that is all."""
     around(patch, Inputs, "blocks", lambda go, inputs, axis, direction: False)
@@ -471,13 +450,13 @@ def an_exit_code_stays(patch: MonkeyPatch) -> None:
     around(patch, Mover, "_finish", act)
 
 
-@board_mutant("MN4-SHD-03")
+@board_mutant("MN4-SHD-01", "MN4-CMD-FH-01")
 def the_shield_stops_nothing(patch: MonkeyPatch) -> None:
     """It is shown by [ and : alone."""
     around(patch, Mover, "shield_changed", lambda go, mover, now: None)
 
 
-@board_mutant("MN4-SHD-02", "MN4-CMD-FH-01")
+@board_mutant("MN4-SHD-02")
 def feed_hold_is_no_pause(patch: MonkeyPatch) -> None:
     """With ;1 an open shield ends the motion."""
 
@@ -523,7 +502,7 @@ def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
     plans(patch, "thread", act)
 
 
-@board_mutant("MN4-CMD-V-02", "MN4-SYN-01")
+@board_mutant("MN4-SYN-01")
 def a_negative_speed_is_a_speed(patch: MonkeyPatch) -> None:
     """V-1 runs without pulses."""
     patch.setattr(MotionOrder, "is_paced", property(lambda order: order.letter == "T"))
@@ -535,15 +514,14 @@ def a_negative_speed_is_a_speed(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-IO-01")
-def the_feedrate_pot_is_not_connected(patch: MonkeyPatch) -> None:
-    """Feedrate EN changes nothing."""
+def the_feedrate_pot_scales_by_its_half(patch: MonkeyPatch) -> None:
+    """At 50 % a motion has a quarter of its speed."""
 
-    def act(go: Any_, inputs: Inputs, quirks: Any) -> None:
-        go()
-        inputs._has_feed_pot = False
-        inputs.asked = 0  # type: ignore[attr-defined]
+    def act(inputs: Inputs) -> int:
+        is_used = "feedrate_enable" in inputs._on
+        return inputs.feed_pot_permille**2 // 1000 if is_used else 1000
 
-    around(patch, Inputs, "__init__", act)
+    patch.setattr(Inputs, "feed_permille", property(act))
 
 
 @board_mutant("MN4-IO-02")

@@ -177,12 +177,10 @@ zero_is_a_multiplex = _wider("X", 0, "MN4-CMD-X-01", "zero is a multiplex", allo
 zero_is_an_id = _wider("=", 0, "MN4-CMD-ADDR-02", "zero is an id", low=0)
 ids_go_up_to_255 = _wider("=", 0, "MN4-CMD-ADDR-02", "ids go up to 255", high=255)
 zero_is_a_direction = _wider("D", None, "MN4-CMD-D-01", "zero is a direction", allowed=(0, 1, -1))
-there_is_an_axis_five = _wider("P", None, "MN4-ERR-02", "there is an axis five", high=5)
 a_tap_may_be_zero = _wider("G", None, "MN4-CMD-G-02", "a tap may be zero", low=0)
 feed_hold_has_three_modes = _wider(
     ";", 0, "MN4-ERR-02", "feed hold has three modes", allowed=(0, 1, 2)
 )
-ports_go_up_to_nine = _wider("C", 0, "MN4-CMD-C-03", "ports go up to nine", high=9)
 an_output_has_three_states = _wider(
     "C", 1, "MN4-CMD-C-03", "an output has three states", allowed=(0, 1, 2)
 )
@@ -200,6 +198,13 @@ def a_rate_of_five_is_9600(patch: MonkeyPatch) -> None:
         return go(line, (0,) if given == (5,) else given)
 
     around(patch, Interpreter, "_set_rate", act)
+
+
+@board_mutant("MN4-CMD-C-03")
+def port_nine_is_port_eight(patch: MonkeyPatch) -> None:
+    """C9,0 draws DONE."""
+    parameter(patch, "C", 0, high=9)
+    commands(patch, "C", lambda go, one, line, given: go((min(given[0], 8), given[1])))
 
 
 @board_mutant("MN4-CMD-P-02")
@@ -302,7 +307,7 @@ def auxiliary_inputs_come_first(patch: MonkeyPatch) -> None:
     values(patch, "S", change)
 
 
-@board_mutant("MN4-MEA-01", "MN4-CMD-E-02")
+@board_mutant("MN4-MEA-01", "MN4-MEA-02")
 def a_measurement_is_over_at_once(patch: MonkeyPatch) -> None:
     """E1 counts for 10 ms, E2 for 100."""
     from axistwin.devices.mn400 import readout
@@ -311,7 +316,7 @@ def a_measurement_is_over_at_once(patch: MonkeyPatch) -> None:
     patch.setitem(readout.MEASURES_MS, 2, 100)
 
 
-@board_mutant("MN4-PAR-07", traps=(1,))
+@board_mutant("MN4-PAR-06", traps=(1,))
 def trailing_parameters_are_required(patch: MonkeyPatch) -> None:
     """M1000 lacks three parameters."""
     parameter(patch, "M", None, omitted=Omitted.REQUIRED)

@@ -47,7 +47,7 @@ def hold_holds_nothing(patch: MonkeyPatch) -> None:
     cells(patch, "MA+T", [BoardState.HLD], Treatment.NOW)
 
 
-@board_mutant("MN4-CMD-H-01", "MN4-CMD-K-01")
+@board_mutant("MN4-CMD-K-01")
 def what_is_held_is_dropped(patch: MonkeyPatch) -> None:
     """A move under hold is answered and forgotten; K has nothing to run."""
 
@@ -85,7 +85,7 @@ def loads_are_done_in_a_contour(patch: MonkeyPatch) -> None:
     around(patch, Interpreter, "_unsupported", act)
 
 
-@board_mutant("MN4-CMD-CC-02", traps=(37,))
+@board_mutant("MN4-CMD-CC-02", "MN4-CC-04", traps=(37,))
 def segments_run_at_once(patch: MonkeyPatch) -> None:
     """M between ( and ) moves."""
 
@@ -112,7 +112,7 @@ def quit_keeps_the_speed_of_a_contour(patch: MonkeyPatch) -> None:
     around(patch, Interpreter, "_buffer", act)
 
 
-@board_mutant("MN4-STM-06", "MN4-CMD-CC-04", traps=(23,))
+@board_mutant("MN4-CC-01", traps=(23,))
 def quit_leaves_segments_for_the_next_contour(patch: MonkeyPatch) -> None:
     """What ( ... Q has stored runs with the next ( and )."""
 
@@ -167,14 +167,13 @@ def the_queue_has_no_end(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-STM-01")
-def the_queue_runs_backwards(patch: MonkeyPatch) -> None:
-    """What came last is next."""
+def queued_loads_are_lost(patch: MonkeyPatch) -> None:
+    """L during a move is answered, and forgotten with it."""
 
-    def act(go: Any_, mover: Mover, now: int) -> None:
-        mover.queue.reverse()
-        go()
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        return None if one._mover.is_busy else go()
 
-    around(patch, Mover, "_go_on", act)
+    commands(patch, "L", act)
 
 
 @board_mutant("MN4-CMD-Q-01")
@@ -211,7 +210,7 @@ def a_resumed_move_begins_anew(patch: MonkeyPatch) -> None:
     around(patch, Mover, "resume", act)
 
 
-@board_mutant("MN4-CMD-I-01")
+@board_mutant("MN4-CMD-M-02")
 def there_is_one_coordinate_mode(patch: MonkeyPatch) -> None:
     """I is answered and sets nothing."""
     settles(patch, "I", lambda after, before: before)
@@ -229,7 +228,7 @@ def a_pause_shows_on_no_flag(patch: MonkeyPatch) -> None:
     values(patch, ":", change)
 
 
-@board_mutant("MN4-CMD-J-01")
+@board_mutant("MN4-JOG-01", "MN4-CMD-G-01")
 def jog_mode_is_not_entered(patch: MonkeyPatch) -> None:
     """J1 is answered, and the panel stays dead."""
     commands(patch, "J", lambda go, one, line, given: None)

@@ -27,7 +27,7 @@ from zoo_mn400.planting import (
 # --- what is entered ------------------------------------------------------------------------------
 
 
-@board_mutant("MN4-NVM-01", "MN4-STM-04", traps=(37,))
+@board_mutant("MN4-NVM-01", traps=(37,))
 def lines_are_carried_out_when_entered(patch: MonkeyPatch) -> None:
     """L between Z and Ctrl-D loads the counters, and is stored."""
 
@@ -133,16 +133,6 @@ def a_line_with_a_wrong_sum_is_stored(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "_serve", act)
 
 
-@board_mutant("MN4-NVM-08")
-def the_store_is_without_end(patch: MonkeyPatch) -> None:
-    """Lines are counted by their number: 8192 of them fit."""
-
-    def act(go: Any_, store: ProgramStore, lines: Any) -> int:
-        return len(lines)
-
-    around(patch, ProgramStore, "_length", act)
-
-
 @board_mutant("MN4-NVM-09", "MN4-NVM-02")
 def what_does_not_fit_pushes_the_first_line_out(patch: MonkeyPatch) -> None:
     """MEMORY_FULL is sent, and the first line is gone."""
@@ -231,7 +221,7 @@ def the_last_speed_of_a_program_is_that_of_all_moves(patch: MonkeyPatch) -> None
     commands(patch, "U", act)
 
 
-@board_mutant("MN4-NVM-13", "MN4-RSP-14")
+@board_mutant("MN4-NVM-13")
 def the_first_line_of_a_program_is_answered(patch: MonkeyPatch) -> None:
     """A program of three lines says DONE when it begins."""
 
@@ -277,15 +267,14 @@ def a_pause_ends_a_program(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-NVM-12")
-def the_start_switch_is_not_connected(patch: MonkeyPatch) -> None:
-    """It starts nothing, but once."""
+def the_start_switch_runs_one_line(patch: MonkeyPatch) -> None:
+    """It runs the third line of the program alone."""
 
     def act(go: Any_, board: Mn400Board, now: int, line: bytes) -> None:
-        starts = getattr(board, "starts", 0)
-        if line == b"U":
-            board.starts = starts + 1  # type: ignore[attr-defined]
-        if line != b"U" or starts == 0:
-            go()
+        go()
+        if line == b"U" and board.interpreter.program is not None:
+            program = board.interpreter.program
+            board.interpreter.program = type(program)(list(program)[2:3])
 
     around(patch, Mn400Board, "_work_panel", act)
 

@@ -17,11 +17,13 @@ from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.motion.options import OPTIONS
 from axistwin_conformance.families.mn400.motion.rig_controls import BOARD_CONTROLS
 from axistwin_conformance.families.mn400.motion.travel_guard import BoardTravelGuard
-from axistwin_conformance.families.mn400.programs import NOT_READABLE
+from axistwin_conformance.families.mn400.persistence.programs import NOT_READABLE
 from axistwin_conformance.families.mn400.snapshot import BoardSnapshot
+from axistwin_conformance.families.mn400.usb.usb_family import Mn400Usb
+from axistwin_conformance.transport.kinds import HID
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
-MODEL: Final = Model("mn400", "MN400 4-axis motion controller")
+MODEL: Final = Model("mn400", "MN400 4-axis motion controller", over={HID: Mn400Usb()})
 QUERIES: Final = (ReplyForm.DATA, ReplyForm.LISTING, ReplyForm.PRESENT, ReplyForm.REPEATED)
 
 

@@ -24,7 +24,11 @@ from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import QUIET_S, BoardExchange
 from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.return_to_start import HOME_SETS, return_to_start
-from axistwin_conformance.families.mn400.programs import leave_entry, listing, put_program_back
+from axistwin_conformance.families.mn400.persistence.programs import (
+    leave_entry,
+    listing,
+    put_program_back,
+)
 from axistwin_conformance.families.mn400.safety import MOVING, danger, texts
 from axistwin_conformance.transport.transport import Transport
 

@@ -77,15 +77,16 @@ class Reporter:
 
     def ready(self, twins: Sequence[AnyTwin], ports: Sequence[Endpoint]) -> None:
         """One event per device: clients can connect."""
-        endpoints = [{"endpoint": port.kind, "url": port.url} for port in ports]
-        for twin in twins:
+        for index, twin in enumerate(twins):
+            own = [port for port in ports if getattr(port, "device_index", index) == index]
+            endpoints = [{"endpoint": port.kind, "url": port.url} for port in own]
             device = f"{twin.model}:{twin.address}"  # which may have been changed and stored
             if self._as_json:
                 self.event(
                     {"event": "ready", "device": device, **endpoints[0], "endpoints": endpoints}
                 )
             else:
-                where = " ".join(f"{port.kind}={port.describe()}" for port in ports)
+                where = " ".join(f"{port.kind}={port.describe()}" for port in own)
                 self._stdout.put(_encoded(f"ready {device} {where}\n", sys.stdout.encoding))
 
     def event(self, event: Mapping[str, object], patience_s: float = 0.0) -> None:

@@ -30,6 +30,7 @@ ORDER = 140
 STATE_S: Final = 20  # for which a motion lasts that no command ends
 STEPS: Final = 400
 MOST_QUEUED: Final = 4  # commands that are left waiting, at most
+JOG_SPEED: Final = "Y100"  # in case an input of the panel is on
 SETTLED_S: Final = 0.6  # by which a state that was entered would show
 # Commands as they are sent in every state; what moves goes a few steps.
 TEXTS: Final = (
@@ -131,7 +132,7 @@ class StateRow:
 
     def _enter(self) -> None:
         self._queued = 0
-        self.motion.ready(speed=max(2, round(self.steps / STATE_S)))
+        self.motion.ready(JOG_SPEED, speed=max(2, round(self.steps / STATE_S)))
         for text in ENTERING[self.state](self):
             exchange = self.driver.ask(text)
             self.session.step(exchange.is_sound, f"an answer to {text}", exchange)

@@ -8,7 +8,9 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
-from axistwin_conformance.families.mn400.address_recovery import (
+from axistwin_conformance.families.mn400.checks.stored import judge_listing
+from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.persistence.address_recovery import (
     RateChange,
     brought_back,
     change_rate,
@@ -16,11 +18,7 @@ from axistwin_conformance.families.mn400.address_recovery import (
     is_there,
     other_ids,
 )
-from axistwin_conformance.families.mn400.checks.stored import judge_listing
-from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
-from axistwin_conformance.families.mn400.probes.destructive import ALONE, DESTRUCTIVE
-from axistwin_conformance.families.mn400.probes.stored import EVERYTHING
-from axistwin_conformance.families.mn400.programs import (
+from axistwin_conformance.families.mn400.persistence.programs import (
     emptied_afterwards,
     end_program,
     enter_configuration,
@@ -28,6 +26,8 @@ from axistwin_conformance.families.mn400.programs import (
     fill_store,
     program_entry,
 )
+from axistwin_conformance.families.mn400.probes.destructive import ALONE, DESTRUCTIVE
+from axistwin_conformance.families.mn400.probes.stored import EVERYTHING
 
 ORDER = 270  # of this module in a run; see `Family.modules`
 

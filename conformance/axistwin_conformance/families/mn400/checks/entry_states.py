@@ -14,6 +14,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.acceptance import (
+    JOG_SPEED,
     SETTLED_S,
     TEXTS,
     is_listing,
@@ -25,14 +26,14 @@ from axistwin_conformance.families.mn400.driver import DONE
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.model.states import BoardState
 from axistwin_conformance.families.mn400.motion.board_motion import BoardMotion
-from axistwin_conformance.families.mn400.probes.stored import RUNNING
-from axistwin_conformance.families.mn400.programs import (
+from axistwin_conformance.families.mn400.persistence.programs import (
     emptied_afterwards,
     end_program,
     enter_program,
     program_entry,
     relative_mode,
 )
+from axistwin_conformance.families.mn400.probes.stored import RUNNING
 
 ORDER = 260
 
@@ -106,7 +107,7 @@ def while_a_program_runs_reads_are_served(session: Session) -> None:
 
 
 def _run(motion: BoardMotion) -> None:
-    motion.ready(speed=motion.model.settings.speed)
+    motion.ready(JOG_SPEED, speed=motion.model.settings.speed)
     motion.driver.draws("U", DONE, "MN4-CMD-U-01")
     motion.target.wait(SETTLED_S)
 

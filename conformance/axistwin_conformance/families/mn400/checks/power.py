@@ -9,17 +9,16 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
-from axistwin_conformance.families.mn400.address_recovery import (
+from axistwin_conformance.families.mn400.checks.destructive import FIXED, PRESENT
+from axistwin_conformance.families.mn400.checks.stored import judge_listing
+from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
+from axistwin_conformance.families.mn400.persistence.address_recovery import (
     brought_back,
     change_rate,
     has_rate,
     is_there,
 )
-from axistwin_conformance.families.mn400.checks.destructive import FIXED, PRESENT
-from axistwin_conformance.families.mn400.checks.stored import judge_listing
-from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
-from axistwin_conformance.families.mn400.probes.destructive import POWER
-from axistwin_conformance.families.mn400.programs import (
+from axistwin_conformance.families.mn400.persistence.programs import (
     PROFILE,
     emptied_afterwards,
     enter_configuration,
@@ -27,8 +26,13 @@ from axistwin_conformance.families.mn400.programs import (
     listing,
     relative_mode,
 )
+from axistwin_conformance.families.mn400.persistence.supply import (
+    power_cycle,
+    serves_again,
+    switch_on,
+)
+from axistwin_conformance.families.mn400.probes.destructive import POWER
 from axistwin_conformance.families.mn400.snapshot import restoring
-from axistwin_conformance.families.mn400.supply import power_cycle, serves_again, switch_on
 
 ORDER = 260  # of this module in a run; see `Family.modules`
 

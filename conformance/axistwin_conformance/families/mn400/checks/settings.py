@@ -28,7 +28,7 @@ REFUSALS: Final = ("MN4-ERR-02", "MN4-PAR-02", "MN4-PAR-03", "MN4-PAR-04", "MN4-
 def what_moves_is_refused_beyond_its_edges(session: Session) -> None:
     """Every text of M, A, +, T, C and J that is wrong draws PARA_ERROR; no axis moves."""
     motion = BoardMotion(BoardDriver(session))
-    motion.ready()
+    motion.ready("Y100")
     is_guarded = session.transport.travel_guard is not None
     for letter in MOVERS:
         for text in edges(letter):

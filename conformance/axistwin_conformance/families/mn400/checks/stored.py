@@ -12,8 +12,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
-from axistwin_conformance.families.mn400.probes.stored import RUNNING, STORED
-from axistwin_conformance.families.mn400.programs import (
+from axistwin_conformance.families.mn400.persistence.programs import (
     PROFILE,
     end_program,
     enter_program,
@@ -22,6 +21,7 @@ from axistwin_conformance.families.mn400.programs import (
     program_entry,
     relative_mode,
 )
+from axistwin_conformance.families.mn400.probes.stored import RUNNING, STORED
 from axistwin_conformance.families.mn400.snapshot import restoring
 
 ORDER = 250  # of this module in a run; see `Family.modules`
@@ -49,8 +49,9 @@ def a_program_is_kept_and_not_carried_out(session: Session) -> None:
     driver.command("L1,2,3,4")
     with program_entry(driver):
         for line in LINES:
-            name = "MN4-CMD-Q-04" if line == "Q" else "MN4-STM-04"
-            driver.draws(line, DONE, name)
+            # A Q that has ended the entry shows by what follows it.
+            names = ("MN4-STM-04", *(("MN4-CMD-Q-04",) if line in ("Q", "*") else ()))
+            driver.draws(line, DONE, names)
         driver.judge(end_program(driver), DONE, "MN4-NVM-01")
     driver.draws("*", ("START", "PRESENT"), "MN4-NVM-01")
     position = driver.position()
@@ -247,3 +248,28 @@ def a_running_program_can_be_paused(session: Session) -> None:
     end = driver.position()
     wanted = (STEPS, STEPS, 0, 0)
     session.expect(end == wanted, "MN4-CMD-PAU-03", wanted, end, "after }")
+
+
+@check("MN4-NVM-12", safety=(*RUNNING, "rig"), needs=("rig:start",))
+@restoring("IVFL")
+def the_start_switch_runs_the_program(session: Session) -> None:
+    """Start on the panel does what U does, or nothing at all (MN4-AMB-56)."""
+    driver = BoardDriver(session)
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), *THERE_AND_BACK))
+    begun_ns, done_ns = session.rig.work("start", True)
+    session.rig.work("start", False)
+    driver.target.wait(MOVE_S / 2)
+    steps = driver.position()[0]
+    late = round((done_ns - begun_ns) / 1e9 * SLOW_SPEED)
+    driver.follows("panel_start", "run_program" if steps else "none", "MN4-NVM-12")
+    if driver.reading("panel_start") == "none":
+        return
+    wanted = range(STEPS // 2 - 3, STEPS // 2 + 3 + late)
+    told = f"{wanted[0]} to {wanted[-1]} steps"
+    is_right = steps in wanted or late > 0
+    session.expect(is_right, "MN4-NVM-12", told, steps, f"{MOVE_S / 2:.2f} s after Start")
+    driver.target.wait(MOVE_S)
+    position = driver.position()
+    session.expect(position == AT_REST, "MN4-NVM-12", AT_REST, position, "at the end")

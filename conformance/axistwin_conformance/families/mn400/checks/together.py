@@ -12,7 +12,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import BoardExchange
 from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
-from axistwin_conformance.families.mn400.programs import PROFILE, relative_mode
+from axistwin_conformance.families.mn400.persistence.programs import PROFILE, relative_mode
 from axistwin_conformance.families.mn400.snapshot import put_back
 
 ORDER = 190  # of this module in a run; see `Family.modules`

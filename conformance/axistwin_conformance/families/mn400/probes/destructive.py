@@ -8,11 +8,15 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mn400.address_recovery import brought_back, is_there, other_ids
 from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.persistence.address_recovery import (
+    brought_back,
+    is_there,
+    other_ids,
+)
+from axistwin_conformance.families.mn400.persistence.programs import PROFILE
+from axistwin_conformance.families.mn400.persistence.supply import power_cycle
 from axistwin_conformance.families.mn400.probes.together import LONGEST_SLOT_S, slot_reading
-from axistwin_conformance.families.mn400.programs import PROFILE
-from axistwin_conformance.families.mn400.supply import power_cycle
 
 ORDER = 120  # of this module in a run; see `Family.modules`
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
-from axistwin_conformance.families.mn400.programs import (
+from axistwin_conformance.families.mn400.persistence.programs import (
     FillResult,
     emptied_afterwards,
     end_program,
@@ -17,7 +17,7 @@ from axistwin_conformance.families.mn400.programs import (
     listing,
     program_entry,
 )
-from axistwin_conformance.families.mn400.supply import power_cycle
+from axistwin_conformance.families.mn400.persistence.supply import power_cycle
 
 ORDER = 110  # of this module in a run; see `Family.modules`
 

@@ -14,7 +14,7 @@ from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.client import BoardClient
 from axistwin_conformance.families.mn400.codec import BoardPacket
 from axistwin_conformance.families.mn400.driver import BoardDriver
-from axistwin_conformance.families.mn400.programs import leave_entry
+from axistwin_conformance.families.mn400.persistence.programs import leave_entry
 
 
 @dataclass(frozen=True, slots=True)
