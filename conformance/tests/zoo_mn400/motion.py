@@ -525,11 +525,12 @@ def the_feedrate_pot_scales_by_its_half(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-IO-02")
-def the_stop_switch_is_a_pause(patch: MonkeyPatch) -> None:
-    """Stop does what Pause does."""
+def the_stop_switch_is_not_connected(patch: MonkeyPatch) -> None:
+    """Stop on the panel stops nothing."""
     from axistwin.devices.mn400.device import Mn400Board
 
     def act(go: Any_, board: Mn400Board, now: int, line: bytes) -> None:
-        go(now, b"{" if line == b"Q" else line)
+        if line != b"Q":
+            go()
 
     around(patch, Mn400Board, "_work_panel", act)
