@@ -49,7 +49,7 @@ def release(motion: BoardMotion, requirement: Requirements, *, everyone: bool = 
     """Judge that K draws what this board says then; to all boards if asked for."""
     driver = motion.driver
     is_done = driver.reading("release_reply") == "done"
-    codes = DONE if is_done else ("START", "MOVEPENDING")
+    codes: tuple[str, ...] = DONE if is_done else ("START", "MOVEPENDING")
     if everyone:
         raw = codec.request(codec.ALL_BOARDS, "K")
         limit_s = driver.poll_slot_s() * driver.board + driver.session.reply_timeout_s

@@ -7,7 +7,7 @@ from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mn400.checks.hold import hold_text
-from axistwin_conformance.families.mn400.checks.queue import slow_board
+from axistwin_conformance.families.mn400.checks.queue import slow_board, standing_axis_loaded
 from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
@@ -101,7 +101,7 @@ def hold_after_release(driver: BoardDriver) -> Outcome:
     codes = driver.ask("?").codes
     if codes == PENDING:
         let_go(motion)
-    return {PENDING: 0, DATA: 1}.get(codes, str(codes))
+    return 0 if codes == PENDING else 1 if codes == DATA else str(codes)
 
 
 @probe(safety=MOTION)
@@ -136,13 +136,12 @@ def hold_scope(driver: BoardDriver) -> Outcome:
 
 @probe(safety=MOTION)
 def queue_modal(driver: BoardDriver) -> Outcome:
-    """A move, L0,0,0,0 while it runs, E at its end."""
-    motion, steps = slow(driver)
+    """A move of axis 1, and while it runs an L of axis 2: whether E shows it before the end."""
+    motion, steps = slow(driver, 2)
     driver.command(f"M{steps}")
-    driver.target.wait(0.3)
-    driver.command("L0,0,0,0")
-    position = motion.rest()
-    return 0 if position[0] == 0 else 1 if 0 < position[0] <= steps else str(position)
+    driver.command(standing_axis_loaded(driver))
+    now, later = driver.position()[1], motion.rest()[1]
+    return {(0, 7): 0, (7, 7): 1}.get((now, later), f"counter 2 at {now}, then {later}")
 
 
 @probe(safety=MOTION)
