@@ -19,6 +19,7 @@ from axistwin_conformance.transport.rig import TwinRig
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 URL = "axistwin://mn400?time=virtual"
+HALF_TURN = 1 << 31  # of a counter
 EVERYTHING = frozenset({"passive", "motion", "stored", "rig", "destructive"})
 Hears = Callable[[str], str]
 Says = Callable[[bytes], bytes]
@@ -115,6 +116,7 @@ class ShaftWatch(AlteredTwin):
         super().__init__(hears)
         self.place, self.lowest, self.highest = [0] * 4, [0] * 4, [0] * 4
         self._counters, self._pulses, self._is_loading = [0] * 4, [0] * 4, False
+        self._has_power = True
 
     def write(self, data: bytes) -> int:
         """Look before anything can be carried out."""
@@ -135,14 +137,19 @@ class ShaftWatch(AlteredTwin):
         counters, pulses = controls["counters"].value, controls["step_pulses"].value
         for axis in range(4):
             made = pulses[axis] - self._pulses[axis]
-            moved = counters[axis] - self._counters[axis]
-            if self._is_loading:  # the counter may have been loaded meanwhile
+            moved = (counters[axis] - self._counters[axis] + HALF_TURN) % (
+                2 * HALF_TURN
+            ) - HALF_TURN
+            if made < 0 or not self._has_power:  # switched off: all counts begin anew
+                moved = 0
+            elif self._is_loading:  # the counter may have been loaded meanwhile
                 is_low = not controls[f"directions.{axis + 1}"].value
                 moved = made if is_low else -made
             self.place[axis] += moved
         self.lowest = list(map(min, self.lowest, self.place))
         self.highest = list(map(max, self.highest, self.place))
         self._counters, self._pulses = list(counters), list(pulses)
+        self._has_power = controls["power"].value
 
 
 def session_of(port: Any, checked: Check | None = None, **changes: Any) -> Session:

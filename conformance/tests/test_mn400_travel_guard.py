@@ -5,14 +5,18 @@ from __future__ import annotations
 import contextlib
 
 import pytest
-from mn400_twin import ShaftWatch, session_of
+from mn400_twin import URL, ShaftWatch, session_of
 
 from axistwin_conformance.base.errors import CannotDo, OutsideEnvelope
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.session import Envelope, Session, Stop
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.families.mn400.motion.travel_guard import BoardTravelGuard
+from axistwin_conformance.options import make_options
+from axistwin_conformance.transport.serial import SerialTransport
 
 SECOND = 1_000_000_000
 KNOWN = {
@@ -46,6 +50,13 @@ class Line:
         self.now_ns += SECOND // 100
         start = codec.status(board, "E", codec.ReturnCode.START)
         self.travel_guard.received(start + codec.data(board, "E", told), self.now_ns)
+
+    def left(self, *steps: int, board: int = 1) -> None:
+        """Read the steps that are left."""
+        self.travel_guard.sending(codec.request(board, "N"), self.now_ns)
+        start = codec.status(board, "N", codec.ReturnCode.START)
+        told = codec.data(board, "N", ",".join(map(str, steps)))
+        self.travel_guard.received(start + told, self.now_ns)
 
     def has_deadline(self) -> bool:
         """True while something may be moving without an end."""
@@ -262,6 +273,18 @@ def test_jogging_has_to_be_stopped_before_the_edge(line: Line) -> None:
     assert not line.has_deadline()
 
 
+def test_counters_loaded_in_motion_are_settled_by_n(line: Line) -> None:
+    """They may be loaded then or at the end; where the axes are at the end is known."""
+    line.travel_guard.readings.pop("queue_modal")
+    line.say("M400")
+    line.say("L0,0,0,0")
+    line.at(0)
+    assert line.travel_guard.way_home(1) is None
+    line.left(0, 0, 0, 0)
+    line.at(0)
+    assert line.travel_guard.way_home(1) == (400, 0, 0, 0)
+
+
 def test_a_cut_supply_gives_no_travel_back(line: Line) -> None:
     """Counters of 0 again: 400 are used up all the same, and the speed is unknown."""
     line.say("M400")
@@ -318,3 +341,22 @@ def test_a_board_that_goes_twice_as_far_is_moved_once() -> None:
     assert any("away" in sentence or "from where" in sentence for sentence in left)
     with pytest.raises(OutsideEnvelope):
         session.target.send(codec.request(1, "M1"))
+
+
+@pytest.mark.strength(seconds=40)
+def test_a_run_within_an_envelope_conforms_and_leaves_the_axes_where_they_were() -> None:
+    """With what asks for readings, what moves and what works the rig, by the engine."""
+    port = ShaftWatch()
+    options = make_options(
+        model="mn400", port=URL, allow="motion,rig", max_travel=3000, seed=7,
+        ids=("MN4-MOT", "MN4-ARC", "MN4-HEL", "MN4-CC", "MN4-BKL", "MN4-MEA", "MN4-PAU", "MN4-QUIT",
+             "MN4-LIM", "MN4-SHD", "MN4-JOG", "MN4-THR", "MN4-SYN"),
+    )  # fmt: skip
+    result = Engine(options, lambda neighbours: SerialTransport(port, URL)).run(lambda event: None)
+    assert not result.problems
+    assert not [one.requirement.id for one in result.requirements if one.verdict is Verdict.FAIL]
+    judged = {one.requirement.id for one in result.requirements if one.verdict is Verdict.PASS}
+    assert len(judged) > 70
+    assert min(port.lowest) >= -3000
+    assert max(port.highest) <= 3000
+    assert port.place == [0, 0, 0, 0]

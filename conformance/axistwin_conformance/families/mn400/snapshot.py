@@ -127,7 +127,8 @@ def stop(session: Session) -> None:
     that Q does not end is ended before it.  Nothing else: a machine that moves is not ours.
 
     A move on hold is only ended once it is released (MN4-AMB-16), and behind a contour's entry a
-    board may move on (MN4-AMB-74): there a second Q follows.
+    board may move on (MN4-AMB-74): there a second Q follows.  Then the travel guard learns where
+    the axes stand, before anything can clear the counters.
     """
     opened = _opened.pop(session.transport, set())
     client = BoardDriver(session).client
@@ -141,6 +142,8 @@ def stop(session: Session) -> None:
         for text in ("K", "Q"):
             client.send(client.request(text))
             client.listen(QUIET_S)
+    if opened & MOVED_BY and session.transport.travel_guard is not None:
+        client.ask("E")
 
 
 # --- what to put back -----------------------------------------------------------------------------

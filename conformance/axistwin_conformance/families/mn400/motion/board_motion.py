@@ -98,7 +98,7 @@ class BoardMotion:
         hold = ["H0"] if self.driver.reading("hold_takes_arg") == "true" else []
         for text in (
             *hold, f"F{start},{end},{acceleration}", f"V{speed}", "X1", "B0,0,0,0", "D1,1,1,1",
-            self.plane(1, 3, 2), self.mode(is_absolute=False), "L0,0,0,0", *texts,
+            "Y1000", self.plane(1, 3, 2), self.mode(is_absolute=False), "L0,0,0,0", *texts,
         ):  # fmt: skip
             self.set(text)
 
@@ -261,7 +261,9 @@ class BoardMotion:
 
     def rest(self) -> tuple[int, ...]:
         """Wait until the axes stand, however long they take; give the counters."""
-        counters = wait_for_rest(self.driver)
+        wait_for_rest(self.driver)
+        self.driver.ask("N")  # by which the travel guard knows that a move is over
+        counters = self.driver.position()
         self.model.observe(counters)
         return counters
 

@@ -51,9 +51,9 @@ class BoardReach:
     have been since the axes were at rest; `memory`: the direction that the board remembers.
     `is_absolute`, `plane` (motors from 0), `speed`, `end_speed`, `jog_speed`, `program`,
     `configuration`: as they were set; None: unknown.  `entry`: the command whose entry is open.
-    `lines`: of that entry.  `is_jogging`: in jog mode; `jogs_since_ns`: since when a jog input may
-    have been on.  `begun_by`: what asked for the last motion.  `seen`: the counters read last, if
-    nothing was asked since.
+    `lines`: of that entry.  `holds`: motion may be kept until it is released.  `is_jogging`: in jog
+    mode; `jogs_since_ns`: since when a jog input may have been on.  `begun_by`: what asked for the
+    last motion.  `seen`: the counters read last, if nothing was asked since.
     """
 
     reach: Box = (STILL,) * AXES
@@ -73,6 +73,7 @@ class BoardReach:
     lines: tuple[str, ...] = ()
     program: tuple[str, ...] | None = None
     configuration: tuple[str, ...] | None = None
+    holds: bool = False
     is_jogging: bool = False
     jogs_since_ns: int | None = None
     begun_by: str = "M"
@@ -171,6 +172,7 @@ class BoardReach:
             jog_speed=_larger(self.jog_speed, other.jog_speed),
             program=_same(self.program, other.program),
             configuration=_same(self.configuration, other.configuration),
+            holds=self.holds or other.holds,
             is_jogging=self.is_jogging or other.is_jogging,
             jogs_since_ns=self.jogs_since_ns
             if other.jogs_since_ns is None

@@ -395,6 +395,8 @@ class BoardTravelGuard:
             self.boards[board] = self._after[board].grown(now_ns)
             if said == "data" and asked.command.upper() == "E":
                 self._learn(board, asked, packet)
+            elif said == "data" and asked.command.upper() == "N":
+                self.boards[board] = _finished(self.boards[board], packet)
 
     def _is_kept_out(self, asked: BoardPacket) -> bool:
         """True if MOVEPENDING says that nothing was done, whatever this board makes of moves that
@@ -519,6 +521,14 @@ def _places(offset: Box, counters: Sequence[int], reach: Box) -> Box:
     return tuple(shared(_place(*row), row[2]) or row[2] for row in rows)
 
 
+def _finished(state: BoardReach, packet: BoardPacket) -> BoardReach:
+    """N with nothing left: a lone move, that nothing has ended or kept, is over (MN4-CMD-N-02)."""
+    is_alone = state.motions == 1 and state.begun_by == "M" and not (state.holds or state.entry)
+    if not is_alone or packet.fields != (0,) * AXES:
+        return state
+    return replace(state, reach=state.tip, motions=0)
+
+
 def _planes(plane: tuple[int, int, int] | None) -> Sequence[tuple[int, int, int]]:
     """The planes that may be meant."""
     if plane is not None:
@@ -558,6 +568,10 @@ def _jog_speed(
     return state if number is None else replace(state, jog_speed=abs(number))
 
 
+def _hold(guard: BoardTravelGuard, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
+    return replace(state, holds=numbers[:1] != [0])
+
+
 def _enter(letter: str) -> Act:
     return lambda guard, state, numbers: state.entered(letter)
 
@@ -567,6 +581,6 @@ _ACTS: Final[Mapping[str, Act]] = {
     "+": BoardTravelGuard._helix, "L": BoardTravelGuard._load, "I": BoardTravelGuard._mode,
     "P": BoardTravelGuard._plane, "Q": BoardTravelGuard._halt, "J": BoardTravelGuard._jog,
     "B": BoardTravelGuard._lash, "D": BoardTravelGuard._remembered, "V": _speed, "F": _profile,
-    "Y": _jog_speed,
+    "Y": _jog_speed, "H": _hold,
     "(": _enter("("), "Z": _enter("Z"), ".": _enter("."),
 }  # fmt: skip
