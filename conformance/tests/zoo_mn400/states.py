@@ -247,7 +247,7 @@ def a_resumed_move_makes_a_step_more(patch: MonkeyPatch) -> None:
     around(patch, Mover, "resume", act)
 
 
-@board_mutant("MN4-QUIT-02")
+@board_mutant("MN4-CMD-Q-01", "MN4-QUIT-01")
 def quit_counts_the_whole_move(patch: MonkeyPatch) -> None:
     """Behind Q the counters are where the move would have led."""
 
