@@ -236,7 +236,11 @@ def boards_begin_when_it_is_their_turn_to_answer(patch: MonkeyPatch) -> None:
         pending = one.pending
         if not late_ns or pending is None:
             return go()
-        one.pending = lambda now: pending(now + late_ns)
+
+        def later(released: Any) -> None:
+            pending(released._replace(now=released.now + late_ns))
+
+        one.pending = later
         return go()
 
     around(patch, Interpreter, "_release", act)
