@@ -146,6 +146,12 @@ class _WithStart(UsbBoard):
         super().read_out(letter)
 
 
+class _WithDone(UsbBoard):
+    def read_out(self, letter: str) -> None:
+        super().read_out(letter)
+        self.say(letter.encode() + b"\x05")
+
+
 class _PresentAlone(UsbBoard):
     def tell(self, letter: str, code: Any) -> None:
         if code == 0x16:
@@ -163,6 +169,7 @@ class _PresentAlone(UsbBoard):
         (_ReadsLess, {"MN4-USB-02"}),
         (_Framed, {"MN4-USB-03"}),
         (_WithStart, {"MN4-USB-03"}),
+        (_WithDone, {"MN4-USB-03"}),
         (_Talkative, {"MN4-USB-04"}),
         (_Silent, {"MN4-USB-05"}),
         (_TwoForms, {"MN4-USB-05"}),

@@ -160,6 +160,12 @@ def the_highest_rate_is_76800(patch: MonkeyPatch) -> None:
     patch.setattr(device, "_FORMATS", (*device._FORMATS[:4], LineFormat(76800)))
 
 
+def _concerns(patch: MonkeyPatch, act: Any_) -> None:
+    """Let `act(go, receiver, opening)` tell whether a packet is for the board, by what is in it."""
+    around(patch, PacketReceiver, "_concerns", act)
+    patch.setattr(PacketReceiver, "quiet_prefix", lambda receiver, data: 0)
+
+
 # --- several boards -------------------------------------------------------------------------------
 
 
@@ -230,7 +236,11 @@ def boards_begin_when_it_is_their_turn_to_answer(patch: MonkeyPatch) -> None:
         pending = one.pending
         if not late_ns or pending is None:
             return go()
-        one.pending = lambda now: pending(now + late_ns)
+
+        def later(released: Any) -> None:
+            pending(released._replace(now=released.now + late_ns))
+
+        one.pending = later
         return go()
 
     around(patch, Interpreter, "_release", act)
@@ -261,10 +271,9 @@ def an_id_is_taken_by_all(patch: MonkeyPatch) -> None:
     """= is obeyed by whoever hears it."""
 
     def act(go: Any_, receiver: PacketReceiver, opening: int) -> bool:
-        is_setting = receiver._frame.payload[:1] == b"="
-        return bool(go()) or is_setting
+        return bool(go()) or receiver._frame.payload[:1] == b"="
 
-    around(patch, PacketReceiver, "_concerns", act)
+    _concerns(patch, act)
 
 
 @board_mutant("MN4-DROP-09")
@@ -272,10 +281,9 @@ def a_rate_is_taken_by_all(patch: MonkeyPatch) -> None:
     """~ is obeyed by whoever hears it."""
 
     def act(go: Any_, receiver: PacketReceiver, opening: int) -> bool:
-        is_setting = receiver._frame.payload[:1] == b"~"
-        return bool(go()) or is_setting
+        return bool(go()) or receiver._frame.payload[:1] == b"~"
 
-    around(patch, PacketReceiver, "_concerns", act)
+    _concerns(patch, act)
 
 
 @board_mutant("MN4-DROP-10", "MN4-PKT-06", traps=(13,))
@@ -287,7 +295,7 @@ def replies_of_others_are_taken_for_requests(patch: MonkeyPatch) -> None:
         is_reply = len(payload) > 1 and payload[1] == 5
         return bool(go()) or (is_reply and opening != 0x80)
 
-    around(patch, PacketReceiver, "_concerns", act)
+    _concerns(patch, act)
     from axistwin.devices.mn400.link import packets
 
     patch.setattr(packets, "is_reply", lambda payload: False)

@@ -522,14 +522,3 @@ def the_feedrate_pot_scales_by_its_half(patch: MonkeyPatch) -> None:
         return inputs.feed_pot_permille**2 // 1000 if is_used else 1000
 
     patch.setattr(Inputs, "feed_permille", property(act))
-
-
-@board_mutant("MN4-IO-02")
-def the_stop_switch_is_a_pause(patch: MonkeyPatch) -> None:
-    """Stop does what Pause does."""
-    from axistwin.devices.mn400.device import Mn400Board
-
-    def act(go: Any_, board: Mn400Board, now: int, line: bytes) -> None:
-        go(now, b"{" if line == b"Q" else line)
-
-    around(patch, Mn400Board, "_work_panel", act)

@@ -232,3 +232,31 @@ def a_pause_shows_on_no_flag(patch: MonkeyPatch) -> None:
 def jog_mode_is_not_entered(patch: MonkeyPatch) -> None:
     """J1 is answered, and the panel stays dead."""
     commands(patch, "J", lambda go, one, line, given: None)
+
+
+@board_mutant("MN4-PAU-02", "MN4-PAU-03", traps=(41,))
+def a_resumed_move_makes_a_step_more(patch: MonkeyPatch) -> None:
+    """} loses count of a step of axis 1."""
+
+    def act(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if mover.is_paused and mover._motion is not None:
+            first, *rest = mover._base
+            mover._base = (first + 1, *rest)  # type: ignore[assignment]
+        go()
+
+    around(patch, Mover, "resume", act)
+
+
+@board_mutant("MN4-CMD-Q-01", "MN4-QUIT-01")
+def quit_counts_the_whole_move(patch: MonkeyPatch) -> None:
+    """Behind Q the counters are where the move would have led."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        left = mover.left_at(now) if mover.is_busy else (0, 0, 0, 0)
+        go()
+        first, second, third, fourth = (
+            base + rest for base, rest in zip(mover._base, left, strict=True)
+        )
+        mover._base = first, second, third, fourth
+
+    around(patch, Mover, "quit", act)

@@ -320,7 +320,7 @@ def a_configuration_runs_once(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "power_on", act)
 
 
-@board_mutant("MN4-NVM-05", "MN4-PWR-01")
+@board_mutant("MN4-NVM-05")
 def a_configuration_never_runs(patch: MonkeyPatch) -> None:
     """It is stored, and that is all."""
 

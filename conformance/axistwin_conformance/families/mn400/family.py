@@ -10,7 +10,7 @@ from axistwin_conformance.core.family import Family, Violation
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Run, Session
-from axistwin_conformance.core.wording import Exchange
+from axistwin_conformance.core.wording import Effect, Exchange
 from axistwin_conformance.families.mn400 import codec, lenient, safety, snapshot, words
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
@@ -63,10 +63,10 @@ class Mn400(Family):
         if packet is None or not packet.is_sound:
             return Exchange(words.explain_request(request))
         rule = rule_of(packet.text)
-        is_query = rule is not None and rule.form in QUERIES
+        effect = Effect.NOTHING if rule is not None and rule.form in QUERIES else Effect.OTHER
         told = words.command_words(packet.text)
         is_usual = packet.board == self.default_address
-        return Exchange(told if is_usual else f"{told}, to {packet.board}", is_query=is_query)
+        return Exchange(told if is_usual else f"{told}, to {packet.board}", effect)
 
     def driver(self, session: Session, address: int | None = None) -> BoardDriver:
         """A board on the line."""

@@ -14,7 +14,7 @@ from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.core.wording import Exchange
+from axistwin_conformance.core.wording import Effect, Exchange
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.codec import ReturnCode
 from axistwin_conformance.families.mn400.safety import danger
@@ -59,7 +59,8 @@ class Mn400Usb(Family):
     def in_words(self, request: bytes, reply: bytes) -> Exchange:
         """Put an exchange into the words of a failure."""
         text = text_in(request)
-        return Exchange(command_words(text), is_query=text[:1].upper() in QUERIES)
+        effect = Effect.NOTHING if text[:1].upper() in QUERIES else Effect.OTHER
+        return Exchange(command_words(text), effect)
 
     def driver(self, session: Session, address: int | None = None) -> UsbDriver:
         """The board."""

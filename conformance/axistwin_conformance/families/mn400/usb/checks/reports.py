@@ -65,8 +65,8 @@ def a_report_is_its_command_and_a_value(session: Session) -> None:
         session.expect(is_plain, "MN4-USB-03", "characters alone", repr(value), f"to {text}")
         is_right = REVISION.fullmatch(value) if text == "?" else value[:1] != ""
         session.expect(bool(is_right), "MN4-USB-03", "the whole value", value, f"to {text}")
-        more = driver.more()
-        session.expect(more.is_silence, "MN4-USB-03", "one report", more, f"after that to {text}")
+    more = driver.more()
+    session.expect(more.is_silence, "MN4-USB-03", "one report", more, f"to {READS[-1]}")
     reply = driver.ask("*")
     came = reply.report == b"*\x16"
     session.expect(came, ("MN4-USB-08", "MN4-USB-03"), "2A 16", reply, "to a poll")
