@@ -19,8 +19,8 @@ from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.engine.device import keeping
 from axistwin_conformance.engine.judgement import ELSEWHERE, NOT_COVERED
 from axistwin_conformance.engine.result import Result
-from axistwin_conformance.families.mn400.board_family import MODEL
 from axistwin_conformance.families.mn400.codec import ReturnCode
+from axistwin_conformance.families.mn400.family import MODEL
 from axistwin_conformance.families.mn400.usb.driver import report_words
 from axistwin_conformance.report.folder import ReportFolder
 from axistwin_conformance.transport.hid import (

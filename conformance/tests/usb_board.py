@@ -14,8 +14,8 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.families.mn400.board_family import MODEL
 from axistwin_conformance.families.mn400.codec import ReturnCode
+from axistwin_conformance.families.mn400.family import MODEL
 from axistwin_conformance.families.mn400.grammar import Refusal, read_command
 from axistwin_conformance.transport.hid import HidIdentity, HidTransport, ReportPort
 from axistwin_conformance.transport.kinds import HID

@@ -59,8 +59,8 @@ class Mn400Usb(Family):
     def in_words(self, request: bytes, reply: bytes) -> Exchange:
         """Put an exchange into the words of a failure."""
         text = text_in(request)
-        is_query = text[:1].upper() in QUERIES
-        return Exchange(command_words(text), Effect.NOTHING if is_query else Effect.OTHER)
+        effect = Effect.NOTHING if text[:1].upper() in QUERIES else Effect.OTHER
+        return Exchange(command_words(text), effect)
 
     def driver(self, session: Session, address: int | None = None) -> UsbDriver:
         """The board."""
