@@ -20,9 +20,10 @@ from axistwin.runtime.serving.rack import Rack
 _ABOUT = "What can be worked and seen of twins of motion controllers."
 
 
-def make_application(rack: Rack, live: Live, host: str, token: str | None) -> Application:
+def make_application(
+    rack: Rack, live: Live, counts: Counts, host: str, token: str | None
+) -> Application:
     """The API for ``rack``, for a server that listens at ``host``; ``token``: None for none."""
-    counts = Counts()
     api = Api(rack, live, counts)
     # The pages that show the schema would come from other sites.
     application = FastAPI(
@@ -77,5 +78,7 @@ def _not_allowed(_: Request, error: Exception) -> JSONResponse:
 def _not_valid(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
+    if first["loc"][:2] == ("body", "value"):  # pydantic tells of each kind apart
+        return _problem(422, "value: give true, false, a finite number, a text, or null")
     place = ".".join(map(str, first["loc"]))
     return _problem(422, f"{place}: {first['msg']}")

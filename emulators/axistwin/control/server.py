@@ -2,6 +2,7 @@
 
 from axistwin.control.application import make_application
 from axistwin.control.listener import HttpListener
+from axistwin.control.metrics import Counts
 from axistwin.control.token import TOKEN_VARIABLE
 from axistwin.errors import UsageError
 from axistwin.ports.tcp import is_loopback
@@ -24,7 +25,8 @@ class ControlServer:
                 f"token by --control-token-file or {TOKEN_VARIABLE}, or listen at 127.0.0.1"
             )
         self.live = Live(rack)
-        self._application = make_application(rack, self.live, host, token)
+        self.counts = Counts()
+        self._application = make_application(rack, self.live, self.counts, host, token)
 
     @property
     def url(self) -> str:

@@ -124,7 +124,10 @@ class Live:
 
     def _watch_device(self, device: RackDevice, watcher: Watcher) -> None:
         watched = self._watched.get(device.name)
-        now_ns, values = device.twin.controls.read_all(is_live=True)
+        read = self._read(device)
+        if read is None:
+            return
+        now_ns, values = read
         if watched is None:
             watched = self._watched[device.name] = _Watched(device, values)
             self._hear(watched)
@@ -175,12 +178,17 @@ class Live:
         self._rack.loop.call_later(LOOK_S, self._look)
 
     def _look_at(self, watched: _Watched) -> None:
+        read = self._read(watched.device)
+        if read is not None:
+            self._tell_changes(watched, *read)
+
+    def _read(self, device: RackDevice) -> tuple[Nanos, dict[str, Any]] | None:
+        """Its values now; None: its line has just failed."""
         try:
-            now_ns, values = watched.device.twin.controls.read_all(is_live=True)
+            return device.twin.controls.read_all(is_live=True)
         except Exception as error:  # a line that fails ends alone
-            watched.device.server.fail(error)
-            return
-        self._tell_changes(watched, now_ns, values)
+            device.server.fail(error)
+            return None
 
     def _tell_changes(self, watched: _Watched, now_ns: Nanos, values: dict[str, Any]) -> None:
         before = watched.values

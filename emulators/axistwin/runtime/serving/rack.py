@@ -133,7 +133,7 @@ class Rack:
                 return
             try:
                 future.set_result(call())
-            except (UsageError, StateError) as error:
+            except Exception as error:  # of whoever asks
                 future.set_exception(error)
 
         self.loop.call_soon(answer)
