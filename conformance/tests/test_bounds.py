@@ -105,3 +105,10 @@ def test_a_device_is_given_up_after_a_minute_of_nonsense_on_the_noisiest_line() 
         limit.tried(second * SECOND, quality.bad_when_lost, is_silence=False)
     with pytest.raises(TargetError, match="nothing sensible has come for 60 s, in 61 attempts"):
         limit.tried(60 * SECOND, quality.bad_when_lost, is_silence=False)
+
+
+def test_a_line_that_corrupts_every_fourth_exchange_is_given_no_patience() -> None:
+    """Nothing settles on it in ten attempts; a worse one than that is noise of no line."""
+    assert not LineQuality(exchanges=1000, corrupted=0).is_hopeless
+    assert not LineQuality(exchanges=1000, corrupted=250).is_hopeless
+    assert LineQuality(exchanges=1000, corrupted=251).is_hopeless

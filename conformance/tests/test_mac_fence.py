@@ -272,6 +272,17 @@ def test_an_axis_seen_where_nothing_leads_is_not_moved_again(line: Line) -> None
     assert not line.refuses(0x18)
 
 
+def test_an_axis_that_creeps_the_other_way_is_seen_to(line: Line) -> None:
+    """Each reading lies within what an axis may run on from the one before."""
+    line.say(0x13, 900)
+    position = 500
+    while not line.travel_guard.runaway and position > -1500:
+        position -= 20
+        line.at(position)
+    assert "which leads to +0..+400" in line.travel_guard.runaway
+    assert position > 0
+
+
 def test_a_move_goes_on_to_its_number_of_the_new_count(line: Line) -> None:
     """0Bh at 700 on the way to 900: it ends 900 further on, and is seen there."""
     line.say(0x13, 900)

@@ -30,6 +30,7 @@ FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
 FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
 LEAST_ALIKE = 3
 NOISY = 1e-3  # share of corrupted exchanges from which a line counts as noisy
+HOPELESS = 0.25  # from which nothing settles on it, however long a run takes
 PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
 SILENCE_LIMIT_S = 5.0
 LONGEST_LIMIT_S = 60.0  # on the noisiest line
@@ -67,6 +68,11 @@ class LineQuality:
     def is_noisy(self) -> bool:
         """True if what is done on this line cannot be relied on."""
         return self.corrupted > NOISY * max(self.exchanges, 1)
+
+    @property
+    def is_hopeless(self) -> bool:
+        """True if so much is corrupted that patience does not help."""
+        return self.corrupted > HOPELESS * max(self.exchanges, 1)
 
     @property
     def alike_needed(self) -> int:

@@ -19,19 +19,20 @@ def learn_delay(
     session: Session,
     since_ns: int,
     ask: Callable[[], bool],
-    hush: Callable[[float], object] | None = None,
+    wait_until_quiet: Callable[[float], object] | None = None,
 ) -> None:
     """Find out how long the device takes to reply, of which nothing has come at first: from then on
     it is waited for (`Run.late_s`).
 
     `since_ns`: when it was asked first.  `ask`: one question with the usual patience, whether there
-    was a reply to it.  `hush`: wait until nothing has come for so many seconds.
+    was a reply to it.  `wait_until_quiet`: wait until nothing has come for so many seconds; the
+    transport does it unless given.
     """
     transport, run = session.transport, session.run
     longest_s = (transport.now_ns - since_ns) / 1e9 + REPLY_TIMEOUT_S
     run.late_s = longest_s
     for _ in range(LATE_TRIES):
-        (hush or transport.wait_until_quiet)(longest_s)
+        (wait_until_quiet or transport.wait_until_quiet)(longest_s)
         began_ns = transport.now_ns
         if ask():
             took_s = (transport.now_ns - began_ns) / 1e9

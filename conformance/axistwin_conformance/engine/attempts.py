@@ -126,7 +126,7 @@ class Attempts:
         except CannotDo as error:
             outcome, trouble, verdict = Outcome.LEFT_OUT, str(error), Verdict.NOT_RUN
         except AttemptVoid as error:
-            outcome, trouble, disturbance = Outcome.TROUBLE, f"spoilt: {error}", str(error)
+            outcome, trouble, disturbance = Outcome.TROUBLE, f"disturbed: {error}", str(error)
         except OutsideEnvelope as error:
             outcome, trouble, verdict = Outcome.LEFT_OUT, error.reason, Verdict.NOT_RUN
         except TwinCrashed as error:

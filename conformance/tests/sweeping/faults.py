@@ -162,7 +162,8 @@ def _reply_flow(draw: random.Random, form: Format) -> Fault:
     )  # fmt: skip
     amount = 0
     if how in ("late", "broken by a pause", "unasked too"):
-        amount = draw.choice((3, 20, 80, 300, 1200)) * MS
+        # A reply has half a second: what is late by less breaks nothing.
+        amount = draw.choice((3, 20, 300, 1200) if how == "unasked too" else (600, 1200)) * MS
     elif how in ("cut short", "longer"):
         amount = draw.choice((1, 2, 3, 8))
     kinds = _kinds(draw, form.commands + form.queries)

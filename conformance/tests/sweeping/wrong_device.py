@@ -335,6 +335,8 @@ class WrongDevice:
             case "cut short":
                 return say(data[: -fault.amount], start_ns) if len(data) > fault.amount else []
             case "longer":
+                if self._is_on_bus:  # a frame holds no more than 8 bytes
+                    self._tally.hits -= _frame(data) == _frame(data + bytes(fault.amount))
                 return say(data + bytes(fault.amount), start_ns)
             case "broken by a pause":
                 half = len(data) // 2

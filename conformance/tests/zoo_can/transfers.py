@@ -262,6 +262,18 @@ def answers_come_twice(patch: MonkeyPatch) -> None:
     around(patch, "_answer", act)
 
 
+@can_mutant("MACC-SDO-06")
+def a_velocity_is_acknowledged_again_on_its_way(patch: MonkeyPatch) -> None:
+    """The 60h to 2015h comes a second time, 300 ms after the first."""
+
+    def act(go: Any_, module: MacCan, identifier: int | None, reply: bytes | None) -> None:
+        go()
+        if identifier is not None and reply is not None and reply[:2] == b"\x60\x15":
+            module._send(identifier, reply, module._now + 300_000_000)
+
+    around(patch, "_answer", act)
+
+
 @can_mutant("MACC-SDO-13")
 def a_move_is_acknowledged_when_it_is_over(patch: MonkeyPatch) -> None:
     """The reply to 2013h waits for the end of the motion, though not longer than a second."""

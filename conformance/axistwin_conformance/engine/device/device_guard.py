@@ -193,7 +193,8 @@ class DeviceGuard:
 
     def _refuse_when_over(self, run: Run) -> None:
         passed_s = (run.target.now_ns - self.begun_ns) / 1e9
-        most_s = self.most_s * HELD_UP * (HELD_UP_BY_NOISE if run.quality.is_noisy else 1)
+        is_worth_it = run.quality.is_noisy and not run.quality.is_hopeless
+        most_s = self.most_s * HELD_UP * (HELD_UP_BY_NOISE if is_worth_it else 1)
         if run.target.is_virtual or passed_s <= most_s:
             return
         if not self.blocked:

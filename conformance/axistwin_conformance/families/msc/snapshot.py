@@ -120,13 +120,13 @@ def _learn_delay(driver: MscDriver, since_ns: int, first: MscExchange) -> None:
     def is_answered() -> bool:
         return _is_answered(driver.ask(codec.RQSTAT), codec.RQSTAT)
 
-    def hush(_: float) -> None:
+    def wait_until_quiet(_: float) -> None:
         driver.client.wait_until_quiet(after=first)
         _end_packet(driver)
 
     if first.raw == ACK:  # then its reply takes long, which nothing has waited for yet
         driver.client.wait_until_quiet()
-    learn_delay(driver.session, since_ns, is_answered, hush)
+    learn_delay(driver.session, since_ns, is_answered, wait_until_quiet)
 
 
 def _end_packet(driver: MscDriver) -> bytes:

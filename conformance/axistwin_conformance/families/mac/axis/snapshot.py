@@ -311,7 +311,8 @@ def _put_back(driver: AxisDriver, memory: AxisSnapshot, left: tuple[int, ...]) -
     _clear_fault(driver)
     now = _read(driver)
     if now.position != memory.position:
-        _drive_back(driver, memory.position)
+        with contextlib.suppress(OutsideEnvelope):  # told as not put back
+            _drive_back(driver, memory.position)
         now = _read(driver)
     for _ in range(1 if session.transport.is_lossless else RETRY.presence):
         repairs = _repairs(driver, now, memory.but_for(left, now))
@@ -356,7 +357,8 @@ def _repairs(driver: AxisDriver, now: AxisSnapshot, memory: AxisSnapshot) -> lis
 
 def _drive_back(driver: AxisDriver, position: int) -> None:
     """Go back at the speed and with the ramp of the checks; give up after twice the time, or as
-    soon as nobody wants to wait for it: told as not put back."""
+    soon as nobody wants to wait for it: told as not put back.  Raises OutsideEnvelope if nothing
+    may move the axis any more."""
     distance = abs(driver.client.position() - position)
     driver.motion.set_plain(distance=distance)
     is_too_far = distance > 2 * driver.session.envelope.max_travel
@@ -371,10 +373,7 @@ def _drive_back(driver: AxisDriver, position: int) -> None:
     limit_s = 2 * lasts_s + (STILL_S + 0.5) * attempts
     deadline_ns = driver.client.target.now_ns + round(limit_s * 1e9)
     for _ in range(attempts):  # noise may have kept 13h from the module
-        try:
-            driver.client.command(0x13, position)
-        except OutsideEnvelope:
-            return  # told as not put back
+        driver.client.command(0x13, position)
         is_back = comes_back(driver.client, position, driver.motion.lasting_s, deadline_ns)
         driver.client.command(0x18)
         is_over = driver.client.target.now_ns >= deadline_ns or interrupts.is_hurried()

@@ -513,7 +513,7 @@ class AxisTravelGuard:
 
     def _located(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Narrow down by a counter reading."""
-        axis = self._origin_seen(axis, counter, now_ns)
+        axis, is_turned = self._origin_seen(axis, counter, now_ns), axis.is_worked
         here = shift(axis.offset, (counter, counter))
         axis = replace(axis, counter=(counter, counter), seen_ns=self._last_ns, is_worked=False)
         if axis.speed and counter == axis.target:  # a move that the reference could have prolonged
@@ -522,10 +522,14 @@ class AxisTravelGuard:
             return replace(axis, reach=here, since_ns=self._last_ns)
         if not axis.may_move:
             return replace(axis, reach=here, tip=here)
+        # Where it runs on, or swings, adds nothing: reading by reading it could go anywhere.
+        known = join(axis.reach, here) if is_turned else axis.reach
         if axis.target is None:
-            return replace(axis, reach=join(axis.reach, here))
+            return replace(axis, reach=known)
         goal = shift(axis.offset, (axis.target, axis.target))
-        return replace(axis, reach=join(here, goal), tip=goal, may_move=counter != axis.target)
+        low, high = join(here, goal)
+        left = (max(low, known[0]), min(high, known[1]))
+        return replace(axis, reach=left, tip=goal, may_move=counter != axis.target)
 
     def _origin_seen(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Account for a counter that may have been cleared since it was read last: it then counts

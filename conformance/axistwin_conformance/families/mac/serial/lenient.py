@@ -301,10 +301,8 @@ def _as_cut(asked: _Asked, data: bytes) -> Lenient | None:
         if not set(value) <= _HEX:
             continue
         whole = _answer(asked, length, digit, value, asked.xon)
-        if whole.startswith(data):
-            is_known = len(data) >= len(whole) - len("cc") - 2  # the sum, Etx and Xon
-            told = _cut(asked, len(whole), data)
-            return Lenient((told,), whole if is_known else b"")
+        if whole.startswith(data):  # nothing is handed on yet: two digits for one begin alike
+            return Lenient((_cut(asked, len(whole), data),), b"")
     return None
 
 

@@ -215,7 +215,7 @@ def _send_corrupted(driver: MscDriver, wait_s: float | None = None) -> None:
 
 
 def _uart_reading(driver: MscDriver, sent_ns: int, at_once_ns: int, place: int) -> tuple[str, ...]:
-    """What is read from the answer to an RQSTAT with one character spoilt (MSC-AMB-43), which at
+    """What is read from the answer to an RQSTAT with one character corrupted (MSC-AMB-43), which at
     once is then."""
     received = driver.client.receive(1, driver.client.packet_timeout_s * 1.5 + driver.link.glance_s)
     came_ns = driver.target.now_ns

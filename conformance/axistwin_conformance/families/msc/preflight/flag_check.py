@@ -142,7 +142,7 @@ class _FlagCheck:
         }
 
     def _near(self, number: int) -> Iterable[int]:
-        """Where a write may go astray: anywhere, as far as that can be seen at once."""
+        """Where a write may land by mistake: anywhere, as far as that can be seen at once."""
         if self._driver.has_rflags:
             return range(MOST_FLAGS)
         return self._beside(number) & {*range(MOST_FLAGS)}

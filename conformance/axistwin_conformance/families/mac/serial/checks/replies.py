@@ -22,7 +22,7 @@ from axistwin_conformance.sequences.golden import golden_exchanges
 ORDER = 20  # of this module in a run; see `Family.modules`
 
 LISTEN_S: Final = 60.0  # the ledger's minute; on a real line the waits of all other checks add up
-LISTEN_REAL_S: Final = 0.3
+LISTEN_REAL_S: Final = 0.5
 ACKNOWLEDGED_WITHIN_S: Final = 0.5
 LONG: Final = 100  # increments at the slowest speed: longer than that
 
@@ -267,6 +267,8 @@ def nothing_is_said_that_was_not_asked(session: Session) -> None:
     driver.judge.accepted(0x15, velocity(-1, SLOWEST), requirement="MACS-REPLY-14")
     _judge_prompt(driver, sent_ns)
     driver.motion.at_rest()
+    extra = session.target.receive(1, listen_s)
+    session.expect(not extra, "MACS-REPLY-12", "silence", extra.hex(" "))
     driver.judge.alive("MACS-REPLY-12")
 
 
