@@ -334,7 +334,7 @@ def test_the_schema_tells_everything(api: ServedControl) -> None:
 def test_a_line_that_fails_is_told_and_the_others_answer() -> None:
     """503 for its devices; the list has the rest, and watchers are told."""
     with ServedControl("mac23:0", "mac23:1") as served, watch(served) as client:
-        device = served.lines[0]._stations[0].device
+        device: Any = served.lines[0]._stations[0].device
 
         def fail(*_: Any) -> None:
             raise AssertionError("our bug")

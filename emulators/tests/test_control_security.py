@@ -91,9 +91,9 @@ def test_a_token_that_is_none_is_refused_and_not_shown(
     """From a file or the environment."""
     path = tmp_path / "token"
     path.write_text(text)
-    for source in ((str(path), {}), (None, {TOKEN_VARIABLE: text})):
+    for given, environment in ((str(path), ""), (None, text)):
         with pytest.raises(UsageError, match=part) as caught:
-            find_token(*source)
+            find_token(given, {TOKEN_VARIABLE: environment})
         assert text not in str(caught.value)
     with pytest.raises(UsageError, match="cannot be read"):
         find_token(str(tmp_path / "nowhere"), {})
@@ -215,7 +215,7 @@ def test_a_token_is_compared_in_constant_time(
         compared.append((given, wanted))
         return False
 
-    monkeypatch.setattr(guard.hmac, "compare_digest", compare)
+    monkeypatch.setattr("axistwin.control.guard.hmac.compare_digest", compare)
     headers = {"Authorization": f"Bearer {TOKEN}"}
     assert secret.ask("GET", "devices", headers=headers)[0] == 401
     assert compared == [(f"Bearer {TOKEN}".encode(),) * 2]
