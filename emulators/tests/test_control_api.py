@@ -164,6 +164,7 @@ MISTAKES = [
     ("GET", "devices/mac23:0/controls/inputs.refrence", None, 404, "did you mean inputs.reference"),
     ("GET", "devices/msc-250:1/controls/load_program", None, 404, "none is taken from the network"),
     ("PUT", "devices/msc-250:1/controls/load_program", {"value": "bench"}, 404, "none is taken"),
+    ("GET", "devices/msc-250:1/controls/flags.start", None, 404, "no program with names"),
     ("GET", "nothing", None, 404, "openapi.json"),
     ("DELETE", "devices", None, 405, "Not Allowed"),
     ("PUT", "devices/mac23:0/controls/supply_volts", {"value": 2000}, 422, "0..1000 V"),

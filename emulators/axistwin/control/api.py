@@ -247,7 +247,10 @@ def _device_info(found: RackDevice) -> DeviceInfo:
 
 def _find(found: RackDevice, name: str) -> BoundControl:
     """The control called ``name``; none that takes a program, which the network does not give."""
-    bound = found.twin.controls[name]
+    try:
+        bound = found.twin.controls[name]
+    except UsageError as error:  # also a name that the device's program has not
+        raise UnknownNameError(str(error)) from None
     if bound.kind == "program":
         raise UnknownNameError(f"{name} takes a program, and none is taken from the network")
     return bound

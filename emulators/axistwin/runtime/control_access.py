@@ -352,5 +352,5 @@ class Controls(Mapping[str, BoundControl]):
 
 def _checked_name(kind: str, name: str, known: "Mapping[str, object] | tuple[Any, ...]") -> str:
     if name not in known:
-        raise UnknownNameError(f"unknown {kind} {name!r}: {nearest(name, known)}")
+        raise UsageError(f"unknown {kind} {name!r}: {nearest(name, known)}")
     return name
