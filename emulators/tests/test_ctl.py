@@ -125,6 +125,17 @@ def test_where_no_daemon_is_the_line_says_how_to_start_one() -> None:
     assert_one_clear_line(invoke("ctl", "--control", "here"), "HOST:PORT")
 
 
+def test_a_missing_extra_is_told_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line, and no run without its control API."""
+    for name in ("server", "listener", "application"):
+        monkeypatch.delitem(sys.modules, f"axistwin.control.{name}", raising=False)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    result = invoke("run", "mac23", "--pty", str(tmp_path / "p"), "--control", "127.0.0.1:0")
+    assert_one_clear_line(result, "uvicorn is missing", "pip install 'fastapi", "'uvicorn")
+
+
 def test_names_are_completed(address: str, tmp_path: Path) -> None:
     """Devices, controls and values, as the shell asks for them; nothing without a daemon."""
 
