@@ -1,4 +1,4 @@
-"""Makes the pictures of the front page; what each shows is told by a function and needs no browser.
+"""Makes the pictures of the pages; what each shows is told by a function and needs no browser.
 
 ``docs/pictures/made-from.txt`` holds the digests of what they were made from, for a test.
 """
@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -15,8 +17,12 @@ import tempfile
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import escape
 
+from click.testing import CliRunner
+
+from axistwin.cli import program
 from axistwin_conformance.report import html, plot
 from axistwin_conformance.report.json import Report, fold
 
@@ -25,6 +31,8 @@ PICTURES = ROOT / "docs" / "pictures"
 DIGESTS = PICTURES / "made-from.txt"
 RECORD = ROOT / "conformance" / "tests" / "contracts" / "golden" / "mac23-faulty" / "events.jsonl"
 EXAMPLE = ROOT / "fixtures" / "example-project"
+CONTOUR_PAGE = ROOT / "docs" / "how-to" / "drive-a-contour.md"
+HELIX = "+-1000,0,-2000,0,1,-500,4"
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PAGE_SIZE = (1000, 1000)  # to the end of the first failure's plot
@@ -121,6 +129,28 @@ def _svg_rows(rows: list[str]) -> Iterator[str]:
         )
 
 
+def motion(name: str, *words: str) -> str:
+    """What ``axistwin plot mn400`` draws of some commands."""
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder, "motion.svg")
+        command = ["plot", "mn400", "--title", name, "-o", str(target), "--", *words]
+        done = CliRunner().invoke(program.main, command)
+        assert done.exit_code == 0, done.output
+        return target.read_text(encoding="utf-8")
+
+
+def circle() -> list[str]:
+    """The contour of the page on contours, from its own lines."""
+    (block,) = re.findall(
+        r"```python\n(.*?)```", CONTOUR_PAGE.read_text(encoding="utf-8"), re.DOTALL
+    )
+    head = textwrap.dedent("".join(re.findall(r"^    (?:angles|corners|moves) =.*\n", block, re.M)))
+    names: dict[str, Any] = {"math": math, "itertools": itertools}
+    exec(head, names)
+    moves: list[str] = names["moves"]
+    return ["V3000", "(200", *moves, ")"]
+
+
 def photograph(text: str, target: Path) -> None:
     """The beginning of the page ``text``, as a browser shows it."""
     browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
@@ -150,6 +180,8 @@ def photograph(text: str, target: Path) -> None:
 def contents() -> dict[str, str]:
     """What each picture is made from."""
     return {
+        "contour.svg": motion("A circle of 120 segments", *circle()),
+        "helix.svg": motion("A helix: + -1000,0,-2000,0,1,-500,4", "V2000", HELIX),
         "failing-page.png": page(),
         "failing-test.svg": as_svg(failing_test()),
         "plot.svg": first_plot(),

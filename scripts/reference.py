@@ -75,7 +75,8 @@ def mn400_quirks() -> str:
         "# Quirks of the MN400\n\n"
         "The manual can be read in several ways. A switch chooses one: `--quirk NAME=VALUE`,\n"
         "`[quirks]` of a profile, `quirk.NAME=VALUE` in a URL, or `quirks={...}` of the fixture.\n"
-        "The switches from `transport` on are settings: each board has its own.\n\n",
+        "The switches from `firmware` on are settings: each board has its own. The profile\n"
+        "[`mn100`](../how-to/run-mn100-programs.md) sets those of the predecessor.\n\n",
     )
 
 

@@ -12,7 +12,7 @@ from axistwin.devices.mn400.acceptance import TABLE, BoardState, Treatment
 from axistwin.devices.mn400.device import Mn400Board
 from axistwin.devices.mn400.grammar import COMMANDS, BoardParameter, Omitted
 from axistwin.devices.mn400.link.decode import explain
-from axistwin.devices.mn400.link.packets import ReturnCode, packet
+from axistwin.devices.mn400.link.packets import OF_MN100, ReturnCode, packet
 from axistwin.kernel.effects import Transmit
 from axistwin.kernel.time import NS_PER_MS
 from axistwin.wire.framing import Chunk
@@ -102,12 +102,16 @@ def page() -> str:
     rows = (
         (f"`{letter}`", *(TABLE[letter, state].value for state in states)) for letter in COMMANDS
     )
-    codes = ((f"{code.value:02X}", code.name) for code in ReturnCode)
+    codes = (
+        (f"{code.value:02X}", f"{code.name}{' (MN100)' if code in OF_MN100 else ''}")
+        for code in ReturnCode
+    )
     return (
         HEAD
         + "## Commands\n\nIn brackets: what an omitted parameter means.\n\n"
         + table(["command", "name", "parameters"], _parameters())
         + "\n## Return codes\n\n"
+        + "MN100: only its [profile](../how-to/run-mn100-programs.md) uses them.\n\n"
         + table(["code", "name"], codes)
         + "\n## What a command does in each state\n\n"
         + table(["state", "meaning"], ((state.name, state.value) for state in states))

@@ -149,8 +149,7 @@ def test_an_axis_that_does_not_move_is_not_waited_for() -> None:
 def test_an_axis_that_goes_away_from_home_is_stopped_and_not_sent_again(
     readings: dict[str, str],
 ) -> None:
-    """A device whose 13h is relative: on a machine each attempt would lead it further away.  One
-    that keeps a preloaded motion is let start it before it is brought home, but for now."""
+    """A device whose 13h is relative: on a machine each attempt would lead it further away."""
     with a_move_is_relative.plant():
         run = run_on_a_twin()
         run.readings.update(readings)

@@ -132,6 +132,7 @@ def parse_programs(texts: Iterable[str]) -> dict[int | None, ProgramSource]:
 def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Value]:
     """The quirks in the TOML file at ``path``, meant for one of ``known_models`` (of a line).
 
+    ``path`` may be the name of a profile that comes with a family, such as mn100.
     The file has ``model = "NAME"``, and a table ``[quirks]``.
     Raises UsageError naming the file and the key.
     """
@@ -165,6 +166,12 @@ def read_profile(path: str | Path, known_models: Iterable[str]) -> dict[str, Val
         except UsageError as error:
             raise UsageError(f"profile {path}: {error}") from None
     return quirks
+
+
+def profiles_of(model: str) -> dict[str, Path]:
+    """The profiles that come with ``model``, by name."""
+    found = discovery.profiles().items()
+    return {name: path for name, path in found if _read_toml(path).get("model") == model}
 
 
 def build_line(
@@ -364,8 +371,11 @@ def _check_quirk(model: Model, name: str, value: Value) -> None:
 def _read_toml(path: str | Path) -> dict[str, Any]:
     import tomllib
 
+    place = Path(path)
+    if not place.is_file():
+        place = discovery.profiles().get(str(path), place)
     try:
-        with Path(path).open("rb") as file:
+        with place.open("rb") as file:
             data = file.read(_PROFILE_BYTES_MAX + 1)
         if len(data) > _PROFILE_BYTES_MAX:
             raise UsageError(
@@ -374,7 +384,8 @@ def _read_toml(path: str | Path) -> dict[str, Any]:
         return tomllib.loads(data.decode())
     except OSError as error:
         raise UsageError(
-            f"profile {path}: cannot be read ({error.strerror}); give an existing file"
+            f"profile {path}: cannot be read ({error.strerror}); give an existing file or a "
+            f"profile that comes with a model: {', '.join(discovery.profiles())}"
         ) from None
     except RecursionError:
         raise UsageError(f"profile {path}: this is no profile (nested too deep)") from None

@@ -1,4 +1,4 @@
-"""The models of all families: whatever lies below ``axistwin.devices`` and has a ``family.py``."""
+"""What all families bring: whatever lies below ``axistwin.devices`` and has a ``family.py``."""
 
 import importlib
 from collections.abc import Iterator, Mapping
@@ -23,15 +23,29 @@ def models() -> Mapping[str, Model]:
     return found
 
 
-def _declared() -> Iterator[tuple[str, Model]]:
-    """Each model with the folder below ``axistwin.devices`` that it comes from."""
-    names = {
-        path.relative_to(root).parent.parts
+@cache
+def profiles() -> Mapping[str, Path]:
+    """The profiles that come with the families: ``profiles/NAME.toml`` beside a ``family.py``."""
+    return {
+        path.stem: path
+        for root, parts in sorted(_folders())
+        for path in sorted(root.joinpath(*parts, "profiles").glob("*.toml"))
+    }
+
+
+def _folders() -> set[tuple[Path, tuple[str, ...]]]:
+    """Each folder with a ``family.py``, as its root and the way from there."""
+    return {
+        (root, path.relative_to(root).parent.parts)
         for root in map(Path, devices.__path__)
         for pattern in ("*/family.py", "*/*/family.py")
         for path in root.glob(pattern)
     }
-    for parts in sorted(names):
+
+
+def _declared() -> Iterator[tuple[str, Model]]:
+    """Each model with the folder below ``axistwin.devices`` that it comes from."""
+    for parts in sorted({parts for _, parts in _folders()}):
         module = importlib.import_module(".".join(("axistwin.devices", *parts, "family")))
         for model in module.MODELS:
             yield parts[0], model

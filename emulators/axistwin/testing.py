@@ -70,7 +70,8 @@ class Options(TypedDict, total=False):
 
     time: ``"real"`` (the default) and a number (that many times as fast) give a pty, ``"virtual"``
     a URL; on CAN all give a bus.  address: of the one device, where it is not written behind the
-    model's name.  quirks: by name.  profile: a file of quirks.  state: a directory for what a real
+    model's name.  quirks: by name.  profile: a file of quirks, or the name of one that comes
+    with a model.  state: a directory for what a real
     unit keeps.  baud: the devices' factory rate on a serial line.  bitrate: of a CAN bus.
     pacing: whether bytes and frames take time.  seed: of all that is random.  cold: switch the
     devices on now; they start up first.  host_clock: in virtual time, ``time.sleep``, the clocks of

@@ -1,6 +1,7 @@
 """The Python printed in README.md and docs/ runs, and says what is printed."""
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from typing import Any
 
 import can
 import pytest
+from daemon_process import daemon, invoke
 
 from axistwin import testing
 
@@ -18,6 +20,7 @@ ROOT = Path(__file__).parents[2]
 README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "how-to" / "use-pytest.md"
 CAN_PAGE = ROOT / "docs" / "how-to" / "use-python-can.md"
 PROGRAM_PAGE = ROOT / "docs" / "how-to" / "write-a-macroprogram.md"
+CONTOUR_PAGE = ROOT / "docs" / "how-to" / "drive-a-contour.md"
 RUN_ELSEWHERE = {
     ROOT / "docs" / "how-to" / "use-pyserial.md": 2,  # blocks, by test_url_lines.py
     ROOT / "docs" / "how-to" / "run-on-can.md": 1,  # by test_run_can.py
@@ -109,8 +112,41 @@ def test_the_programs_of_the_page_on_macroprograms_run(tmp_path: Path) -> None:
     run_tests(tmp_path, "\n\n".join(python_blocks(PROGRAM_PAGE)), passed=5)
 
 
+def test_the_contour_of_the_page_is_driven_recorded_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By its own lines and commands; the recording is all that the picture needs."""
+    monkeypatch.chdir(tmp_path)
+    (block,) = python_blocks(CONTOUR_PAGE)
+    typed, printed = re.search(
+        r"^\$ axistwin (plot .*--capture.*)\n(.*)\n", CONTOUR_PAGE.read_text("utf-8"), re.M
+    ).groups()  # type: ignore[union-attr]  # or else the test fails, as it should
+    with daemon(tmp_path, "mn400", "--capture", "contour.txt", "--speed", "20") as process:
+        process.line()
+        exec(block, {})
+        process.end()
+    result = invoke(*shlex.split(typed))
+    assert result.exit_code == 0, result.output
+    assert result.stdout.rpartition(" s")[0][:-1] == printed.rpartition(" s")[0][:-1]
+    assert result.stderr == ""
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_what_else_can_be_drawn_is_drawn(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each command of the page that needs nothing else."""
+    monkeypatch.chdir(tmp_path)
+    part = CONTOUR_PAGE.read_text("utf-8").partition("## What else can be drawn")[2]
+    typed = re.findall(r"^\$ axistwin (plot .*)$", part, re.MULTILINE)
+    assert len(typed) == 4
+    result = invoke(*shlex.split(typed[number], comments=True))
+    assert result.exit_code == 0, result.output
+
+
 def test_no_block_of_python_is_left_out() -> None:
     """A new one in any page has to be run by a test too."""
     pages = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
     found = {page: len(blocks) for page in pages if (blocks := python_blocks(page))}
-    assert found == {README: 4, CAN_PAGE: 2, PROGRAM_PAGE: 4, PYTEST_PAGE: 5, **RUN_ELSEWHERE}
+    here = {README: 4, CAN_PAGE: 2, PROGRAM_PAGE: 4, PYTEST_PAGE: 5, CONTOUR_PAGE: 1}
+    assert found == {**here, **RUN_ELSEWHERE}

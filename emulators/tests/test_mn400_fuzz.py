@@ -73,6 +73,8 @@ def test_whatever_comes_a_board_answers_in_the_end(seed: int) -> None:
         bench.wait(rng.choice((1, 30, 300, 300, 1500)))
         before = bench.device.describe(bench.now)
         assert before == bench.device.describe(bench.now), "looking changes nothing"
+        rates = bench.device.step_rates_at(bench.now)
+        assert bench.device.moves_at(bench.now) or not any(rates), "what stands has no rate"
     for name in NAMES:
         bench.switch(name, on=False)
     bench.perform(bench.device.turn_spindle(bench.now, 0))

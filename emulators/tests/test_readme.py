@@ -20,11 +20,13 @@ pytestmark = pytest.mark.system
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs" / "pictures"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PLOT_PAGE = (ROOT / "docs" / "how-to" / "drive-a-contour.md").read_text(encoding="utf-8")
 
 BLOCKS = re.findall(r"```console\n(.*?)```", README, re.DOTALL)
 LINES = [line for block in BLOCKS for line in re.findall(r"^\$ (.*)$", block, re.MULTILINE)]
 COMMANDS = [words for line in LINES if (words := shlex.split(line, comments=True))[0] == "axistwin"]
 AT_THE_PORTS = re.findall(r"^\| `(\./[\w-]+)`.*`axistwin (send [^`]+)` \|$", README, re.MULTILINE)
+ASKING = ("send", "decode", "plot", "models", "doctor")
 ELSEWHERE = ("scripts/run", "scripts/test")
 """What other tests run."""
 
@@ -45,7 +47,7 @@ def chosen(*names: str) -> list[Any]:
 
 def test_every_command_is_run_by_one_of_these_tests() -> None:
     """Or by one that is named."""
-    here = [*chosen("run"), *chosen("send", "decode", "models", "doctor"), *chosen("conform")]
+    here = [*chosen("run"), *chosen(*ASKING), *chosen("conform")]
     assert len(here) == len(COMMANDS) >= 14
     others = {shlex.split(line, comments=True)[0] for line in LINES} - {"axistwin"}
     assert others == set(ELSEWHERE)
@@ -62,7 +64,7 @@ def test_twins_are_started_as_printed(words: list[str], folder: Path) -> None:
         assert process.wait(60) == 0
 
 
-@pytest.mark.parametrize("words", chosen("send", "decode", "models", "doctor"))
+@pytest.mark.parametrize("words", chosen(*ASKING))
 def test_what_looks_and_asks_runs_as_printed(words: list[str], folder: Path) -> None:
     """Beside a line with two modules."""
     with testing.start("mac23:0", "mac34-1:5", time=20) as line:
@@ -96,8 +98,9 @@ def test_judging_is_planned_as_printed(words: list[str], folder: Path) -> None:
 
 
 def test_every_picture_is_shown_and_there() -> None:
-    """The front page has no other."""
+    """The front page and the page on contours have no other."""
     shown = set(re.findall(r"!\[[^\]]+\]\(docs/pictures/([\w.-]+)\)", README))
+    shown |= set(re.findall(r"!\[[^\]]+\]\(../pictures/([\w.-]+)\)", PLOT_PAGE))
     assert shown == {path.name for path in PICTURES.glob("*.[ps][nv]g")}
     assert (PICTURES / "failing-page.png").stat().st_size < 200_000
 

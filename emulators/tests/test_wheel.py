@@ -112,3 +112,23 @@ def test_programs(axistwin):
     )
     result = run(clean_python, "-m", "pytest", "-q", folder=tmp_path)
     assert result.returncode == 0, result.stdout
+
+
+def test_a_profile_comes_with_the_installed_wheel(clean_python: Path, tmp_path: Path) -> None:
+    """By its name, from any folder."""
+    program = (
+        "from axistwin.testing import start\n"
+        "with start('mn400', profile='mn100', time='virtual') as twin:\n"
+        "    print(twin.line.twins[0].describe()['state'])\n"
+    )
+    result = run(clean_python, "-c", program, folder=tmp_path)
+    assert (result.returncode, result.stdout) == (0, "RDY\n"), result.stdout
+
+
+def test_the_core_install_names_what_pictures_need(clean_python: Path, tmp_path: Path) -> None:
+    """matplotlib is an extra."""
+    result = run(clean_python, "-m", "axistwin", "plot", "mac23", "go to 5", folder=tmp_path)
+    assert result.returncode == 2
+    assert result.stdout == (
+        "axistwin: plot needs matplotlib, which is not installed: pip install 'matplotlib>=3.9'\n"
+    )

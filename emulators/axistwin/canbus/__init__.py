@@ -8,7 +8,7 @@ be keyword arguments of ``can.Bus``.
 ``time=real``           the default; ``time=20``: twenty times as fast
 ``bitrate=125000``      of the bus, bits per second
 ``quirk.NAME=VALUE``    a reading that the manual leaves open; as an argument ``quirks={...}``
-``profile=FILE``        a file with a set of quirks
+``profile=FILE``        a file with a set of quirks, or the name of one that comes with a model
 ``state=DIR``           keep what a real unit keeps; as an argument ``state_dir=DIR``
 ``seed=N``              the seed of everything random
 ``pacing=no``           frames take no time on the bus

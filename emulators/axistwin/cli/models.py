@@ -117,6 +117,10 @@ def _overview(model: Model) -> str:
         f"  meaning and values  axistwin models {model.name} WORD  (WORD: a part of its name)",
         f"  another value       axistwin run {model.name} --quirk NAME=VALUE",
     ]
+    if profiles := catalog.profiles_of(model.name):
+        lines.append(
+            f"  a set of values     axistwin run {model.name} --profile {'|'.join(profiles)}"
+        )
     for group, quirks in _grouped(model.quirks.values()).items():
         lines.append(f"{group or UNGROUPED}: {' '.join(quirk.name for quirk in quirks)}")
     wrapped = (wrap(line, SCREEN_COLUMNS, subsequent_indent="    ") for line in lines)

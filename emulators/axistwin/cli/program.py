@@ -44,6 +44,10 @@ _OWN = {
         "Send commands in words or bytes, and show the replies in words.",
     ),
     "decode": ("axistwin.cli.decode", "Show bytes of a line, or frames of a bus, in words."),
+    "plot": (
+        "axistwin.cli.plot.command",
+        "Draw the motion of commands, of a recording, or of a device: path, position, rate.",
+    ),
     "models": ("axistwin.cli.models", "List the models, or one model's quirks."),
     "doctor": (
         "axistwin.cli.doctor",
@@ -176,6 +180,7 @@ def main() -> None:
     axistwin ctl mac23 power cycle     work a run that has --control
     axistwin send ./mac23 'go to 125'  one command in words, and the reply
     axistwin decode mac23 capture.txt  recorded bytes in words
+    axistwin plot mn400 M500,300       the motion of a command as a picture
     axistwin models mac23              its quirks: what the manual leaves open
     axistwin conform mac23             a verdict per requirement of its manual
     """

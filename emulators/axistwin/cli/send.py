@@ -6,7 +6,7 @@ import errno
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,30 +88,30 @@ def send(
     axistwin send slcan:./mac23-can 'status?' '601#4000200000000000'
     axistwin send /dev/ttyUSB0 --model mac34-1 '02 30 31 34 30 30 32 30 ...'
     """
-    model, place = _found(port, name)
+    model, place = find_device(port, name)
     if address is None:
         address = _address(port, model)
-    requests = [_request(model, address, text) for text in texts]
-    talk = _over_can if model.carrier == "can" else _over_line
+    requests = [request_of(model, address, text) for text in texts]
     is_answered = True
-    for request, reply in talk(model, place, requests, baud or model.default_baud, timeout_s):
+    for request, reply in exchanges(model, place, requests, baud, timeout_s):
         click.echo(
-            f"> wait {request:g} s" if isinstance(request, float) else _row(model, ">", request)
+            f"> wait {request:g} s" if isinstance(request, float) else row_of(model, ">", request)
         )
         for part in reply:
-            click.echo(_row(model, "<", part))
+            click.echo(row_of(model, "<", part))
         if not reply and _is_asked(request):
             click.echo(f"< nothing within {timeout_s:g} s")
             is_answered = False
     return 0 if is_answered else EXIT_SILENT
 
 
-def _row(model: Model, arrow: str, content: bytes | CanFrame) -> str:
+def row_of(model: Model, arrow: str, content: bytes | CanFrame) -> str:
+    """What was said, and what it means."""
     shown = spaced(content) if isinstance(content, bytes) else str(content)
     return f"{arrow} {shown}  {model.explain(content)}".rstrip()
 
 
-def _request(model: Model, address: int, text: str) -> bytes | CanFrame | float:
+def request_of(model: Model, address: int, text: str) -> bytes | CanFrame | float:
     """What ``text`` says; a pause as its seconds.  Raises UsageError."""
     if pause := WAIT.fullmatch(text):
         return float(pause["number"]) / (1000 if pause["unit"] == "ms" else 1)
@@ -126,7 +126,7 @@ def _request(model: Model, address: int, text: str) -> bytes | CanFrame | float:
 # -- what is there -----------------------------------------------------------------------------
 
 
-def _found(port: str, name: str | None) -> tuple[Model, str]:
+def find_device(port: str, name: str | None) -> tuple[Model, str]:
     """The model at ``port``, and where it is; a pty of an slcan adapter as such.
 
     Raises UsageError.
@@ -190,8 +190,32 @@ def _address(port: str, model: Model) -> int:
 # -- the exchange ------------------------------------------------------------------------------
 
 
+def exchanges(
+    model: Model,
+    place: str,
+    requests: Iterable[Any],
+    baud: int | None,
+    timeout_s: float,
+    is_whole: Callable[[bytes], bool] | None = None,
+) -> Iterator[tuple[Any, list[Any]]]:
+    """Each of ``requests`` with what came back: nothing, if nothing did within ``timeout_s``.
+
+    baud: of the line or bus, the model's own unless given.  is_whole: whether a reply on a line is
+    complete, asked in place of the family.  Raises PortError.
+    """
+    rate = baud or model.default_baud
+    if model.carrier == "can":
+        return _over_can(model, place, requests, rate, timeout_s)
+    return _over_line(model, place, requests, rate, timeout_s, is_whole or model.family.is_whole)
+
+
 def _over_line(
-    model: Model, place: str, requests: list[Any], baud: int, timeout_s: float
+    model: Model,
+    place: str,
+    requests: Iterable[Any],
+    baud: int,
+    timeout_s: float,
+    is_whole: Callable[[bytes], bool],
 ) -> Iterator[tuple[bytes | float, list[bytes]]]:
     """Each of ``requests`` with what came back.  Raises PortError."""
     import serial
@@ -216,7 +240,7 @@ def _over_line(
                         port.write(thanks)
                         port.flush()
                         break
-                    if model.family.is_whole(bytes(reply)):
+                    if is_whole(bytes(reply)):
                         break
                 yield request, [bytes(reply)] if reply else []
     except (serial.SerialException, OSError) as error:
@@ -247,7 +271,7 @@ def _pause(bus: Any, seconds: float) -> Iterator[Any]:
 
 
 def _over_can(
-    model: Model, place: str, requests: list[Any], bitrate: int, timeout_s: float
+    model: Model, place: str, requests: Iterable[Any], bitrate: int, timeout_s: float
 ) -> Iterator[tuple[CanFrame | float, list[CanFrame]]]:
     """Each of ``requests`` with what came back.  Raises PortError."""
     import can

@@ -159,6 +159,24 @@ class ControlTable:
         return [control.python_name for control in self.controls if control.python_name]
 
 
+@dataclass(frozen=True, slots=True)
+class AxisReadout:
+    """How the motion of a device is followed, to be plotted.
+
+    names: of its axes.  unit: of positions.  position, rate: the controls that have them (rate per
+    second), one number or one for each axis; a control ``is_moving`` tells when all stand.
+    query: asks for the positions, in words that the family composes.  answer: finds them, as group
+    1, in the reply as the family explains it.
+    """
+
+    names: tuple[str, ...]
+    unit: str
+    position: str
+    rate: str
+    query: str
+    answer: str
+
+
 POWER: Final = Control("power", "switch", "the supply, on or off", attribute="")
 """Worked by the line or bus, which stops sending too; a device has no way to switch itself."""
 

@@ -14,7 +14,7 @@ from axistwin.kernel.time import Nanos
 
 if TYPE_CHECKING:
     from axistwin.devices.base import TwinDevice
-    from axistwin.devices.controls import ControlTable
+    from axistwin.devices.controls import AxisReadout, ControlTable
     from axistwin.devices.switches import Quirk
     from axistwin.wire.can_frame import CanFrame
 
@@ -56,6 +56,10 @@ class Family(ABC):
     @abstractmethod
     def controls(self) -> "ControlTable":
         """What can be worked and seen of its devices."""
+
+    def axis_readout(self) -> "AxisReadout | None":
+        """How the motion of its devices is followed; None: they have no axes."""
+        return None
 
     def of_any_model(self) -> "Family":
         """What explains bytes of a line with several of its models."""

@@ -8,7 +8,7 @@
 ``time=real``             the default
 ``time=20``               twenty times as fast as real time
 ``quirk.NAME=VALUE``      one of the readings that the manual leaves open; any number of them
-``profile=FILE``          a file with a set of quirks
+``profile=FILE``          a file with a set of quirks, or the name of a profile such as mn100
 ``state=DIR``             keep what a real unit keeps, in this directory
 ``seed=N``                the seed of everything random
 ``pacing=no``             bytes take no time on the line

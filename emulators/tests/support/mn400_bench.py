@@ -16,9 +16,11 @@ CODES = {
     0x04: "ABORT",
     0x05: "D",
     0x07: "CHK",
+    0x08: "ADDR",
     0x0C: "IC",
     0x0D: "IP",
     0x0E: "PE",
+    0x0F: "NC",
     0x10: "NP",
     0x11: "MP",
     0x12: "BC",
@@ -26,7 +28,9 @@ CODES = {
     0x14: "BY",
     0x15: "OV",
     0x16: "PR",
+    0x1D: "NA",
     0x1E: "MF",
+    0x20: "STOP",
 }
 REPLY_MS = 100
 """Within this any reply has come at 9600, but for measurements and later slots."""
@@ -47,7 +51,7 @@ def packets_in(data: bytes) -> list[bytes]:
 def in_short(raw: bytes) -> str:
     """``D`` or ``S`` or whatever a status packet says; of a data packet the value."""
     inner = raw[2:-2]
-    if inner and inner[0] < 0x20 and inner[0] in CODES and inner[1:] in (b"", b"\x00"):
+    if inner and inner[0] in CODES and inner[1:] in (b"", b"\x00"):
         return CODES[inner[0]]
     return bytes(byte for byte in inner if byte >= 0x20).decode("ascii")
 

@@ -494,7 +494,46 @@ def _(bench: Mn400Bench) -> object:
     return bench.device.output_at(bench.now, 8)
 
 
+# ---- as the MN100 ----
+
+
+@case("start_null", {"true": "81 2A 03 00 81 2F", "false": "81 2A 03 81 2F"})
+def _(bench: Mn400Bench) -> object:
+    start, _ = packets_in(bench.ask(packet(1, b"*")))
+    return hexed(start)
+
+
+@case("motion_done", {"at_once": ("S D", ""), "at_end": ("S", "D")})
+def _(bench: Mn400Bench) -> object:
+    told = bench.say("M1000")
+    return told, " ".join(in_short(raw) for raw in packets_in(bench.wait(1000)))
+
+
+@case("queue_full_code", {"slavebuffov": "S OV", "busy": "S BY"}, queue_depth=0)
+def _(bench: Mn400Bench) -> object:
+    bench.say("M1000")
+    return bench.say("M1")
+
+
+@case("mn100_codes", {"false": ("", "", "S PE"), "true": ("ADDR", "NC", "S NA")})
+def _(bench: Mn400Bench) -> object:
+    heard = [bench.ask(bytes.fromhex(raw), 400) for raw in ("81 2A 82 2D", "81 81 02")]
+    told = [" ".join(in_short(raw) for raw in packets_in(data)) for data in heard]
+    bench.wait(1000)
+    return *told, bench.say("C9,0")
+
+
+@case("axes", {"4": ("0,0,0,0", "S D"), "2": ("0,0", "S PE"), "1": ("0", "S PE")})
+def _(bench: Mn400Bench) -> object:
+    return bench.value("E"), bench.say("L1,2,3")
+
+
 # ---- configuration ----
+
+
+@case("firmware", {"MN400 V 1.08 / 1.04": "MN400 V 1.08 / 1.04", "MN100 V 2.00": "MN100 V 2.00"})
+def _(bench: Mn400Bench) -> object:
+    return bench.value("?")
 
 
 @case("transport", {"auto": True, "rs232": True, "rs485": False})

@@ -21,6 +21,7 @@ _HELP_TCP = "Raw TCP, several clients; port 0: any free one.  For socket://HOST:
 _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HOST:PORT."
 _HELP_BAUD = "Rate of modules that have none stored yet, bits per second (default: the factory's)."
 
+_HELP_PROFILE = "Quirks from a TOML file, or the name of a profile that comes with a model: mn100."
 _HELP_PROGRAM = (
     "Macroprogram of the controllers: FILE.py, FILE.py:CLASS, or a name such as bench; "
     "UNIT=PROGRAM for one of several."
@@ -77,7 +78,7 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
     metavar="DIR",
     help="Folder that holds what the modules store (default: nothing outlives this run).",
 )
-@click.option("--profile", callback=_named, metavar="FILE", help="Quirks from a TOML file.")
+@click.option("--profile", callback=_named, metavar="FILE", help=_HELP_PROFILE)
 @click.option(
     "--quirk", "quirks", metavar="NAME=VALUE", multiple=True, help="One quirk; beats --profile."
 )

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from axistwin.devices.controls import Control, ControlTable, Kind
+from axistwin.devices.controls import AxisReadout, Control, ControlTable, Kind
 from axistwin.devices.motion_controls import MOTION
 
 
@@ -30,3 +30,12 @@ MAC: Final = ControlTable(
     ),
 )
 """For every kind of wire."""
+
+AXIS: Final = AxisReadout(
+    names=("axis",),
+    unit="increments",
+    position="position",
+    rate="velocity",
+    query="20h",
+    answer=r"position = (-?\d+)",
+)

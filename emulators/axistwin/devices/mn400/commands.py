@@ -6,14 +6,15 @@ Rules
    or contour, what the state allows, the grammar, the ranges.  Only then anything changes.
 2. START precedes every answer to a known command; an unknown one is refused alone
    (MN4-ERR-03, MN4-AMB-04).
-3. DONE follows at once, never at the end of a motion (MN4-RSP-05); a value is that of the moment in
-   which START has left (MN4-RSP-15).
+3. DONE follows at once, never at the end of a motion (MN4-RSP-05), unless ``motion_done`` says so:
+   then it follows there, for who has set the motion going.  A value is that of the moment in which
+   START has left (MN4-RSP-15).
 4. A line of the user program is judged as a live command would be if no program ran; one that is
    refused ends the program (MN4-AMB-54).  The next line is due when the axes are at rest.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal, TypeAlias
 
@@ -21,16 +22,17 @@ from axistwin.devices.mn400.acceptance import TABLE, BoardState, Treatment
 from axistwin.devices.mn400.grammar import (
     Arguments,
     BoardCommand,
+    NoSuchOutputError,
     ParameterError,
     arguments,
     commands,
 )
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
-from axistwin.devices.mn400.link.packets import ReturnCode
+from axistwin.devices.mn400.link.packets import REASONS, ReturnCode
 from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin, Port
 from axistwin.devices.mn400.link.sender import Message, ReplyPart
-from axistwin.devices.mn400.mover import Mover, QueueFullError, Waiting
+from axistwin.devices.mn400.mover import MotionOutcome, Mover, QueueFullError, Waiting
 from axistwin.devices.mn400.orders import MotionOrder, StoredSegment, change_of
 from axistwin.devices.mn400.quirks import Mn400Quirks
 from axistwin.devices.mn400.readout import ReadOut
@@ -54,17 +56,13 @@ class ContourEntry:
     segments: list[StoredSegment] = field(default_factory=list)
 
 
-_REASONS: Final = {
-    ReturnCode.CHKSUMERROR: "its checksum is wrong",
-    ReturnCode.INVALIDCOMMAND: "no such command while the board is in this state: {state}",
-    ReturnCode.INVALIDPROGCOMM: "it cannot stand in a stored program",
-    ReturnCode.PARA_ERROR: "a parameter is malformed or out of range",
-    ReturnCode.TIMEOUT: "the packet broke off",
-    ReturnCode.BUSY: "not possible in this state: {state}",
-    ReturnCode.SLAVEBUFFOV: "no room in the buffer or the queue",
-    ReturnCode.MEMORY_FULL: "no room in the store",
+_ENDINGS: Final[Mapping[MotionOutcome, ReturnCode]] = {
+    "completed": ReturnCode.DONE,
+    "aborted": ReturnCode.MOVE_ABORT,
+    "quit": ReturnCode.MOVE_STOPPED,
 }
-"""What the codes of refusals mean, for who looks on."""
+"""How a motion ended, where that is answered (``motion_done``)."""
+_ANSWERED_LATE: Final = (Origin.SERIAL, Origin.USB, Origin.CONFIG)
 
 
 class Refusal(Exception):  # noqa: N818  no error of this program
@@ -127,7 +125,8 @@ class Interpreter:
         self.entry: Entry | None = None
         self.contour: ContourEntry | None = None
         self.is_holding = False
-        self.pending: Callable[[Nanos], None] | None = None
+        self.pending: Callable[[BoardLine], None] | None = None
+        self._unanswered: list[tuple[MotionOrder, BoardLine]] = []
         self.program: deque[bytes] | None = None
         is_on = self._quirks.power_on_outputs == "on"
         self.outputs = [is_on] * OUTPUTS
@@ -177,10 +176,16 @@ class Interpreter:
         line = BoardLine(now, command, sent[1:], payload, origin, is_for_all)
         try:
             return self._answer(line, letter)
+        except NoSuchOutputError:
+            is_own = self._quirks.mn100_codes
+            code = ReturnCode.NOT_AVAILABLE if is_own else ReturnCode.PARA_ERROR
+            return self.refusal(command, code, payload)
         except ParameterError:
             return self.refusal(command, ReturnCode.PARA_ERROR, payload)
         except QueueFullError:
-            return self.refusal(command, ReturnCode.SLAVEBUFFOV, payload)
+            is_busy = self._quirks.queue_full_code == "busy"
+            code = ReturnCode.BUSY if is_busy else ReturnCode.SLAVEBUFFOV
+            return self.refusal(command, code, payload)
         except Refusal as refusal:
             return self.refusal(command, refusal.code, payload, is_alone=refusal.is_alone)
 
@@ -188,7 +193,7 @@ class Interpreter:
         self, command: int, code: ReturnCode, payload: bytes, *, is_alone: bool = False
     ) -> Answer:
         """The answer to a line that is refused (rule 2)."""
-        why = _REASONS[code].format(state=self.state().value)
+        why = REASONS[code].format(state=self.state().value)
         self.refused.append(f"refused {payload.decode('ascii', 'replace')!r}: {why}")
         policy = self._quirks.error_start_policy
         has_start = policy == "always" or (policy == "after_accept" and not is_alone)
@@ -199,10 +204,12 @@ class Interpreter:
         return ReplyPart(Message(self._port.address, command, code))
 
     def _started(self, line: BoardLine, code: ReturnCode) -> Answer:
-        """START and ``code``."""
+        """START and ``code``, which may have to wait for the end of a motion (rule 3)."""
+        start = self._status(line.command, ReturnCode.START)
+        if code is ReturnCode.DONE and any(waits is line for _, waits in self._unanswered):
+            return Answer([start], code)
         if code is ReturnCode.DONE and self._quirks.move_abort_use == "while_aborted":
             code = ReturnCode.MOVE_ABORT if self._mover.is_aborted else code
-        start = self._status(line.command, ReturnCode.START)
         return Answer([start, self._status(line.command, code)], code)
 
     def _answer(self, line: BoardLine, letter: str) -> Answer:
@@ -288,7 +295,9 @@ class Interpreter:
         if act is not None:
             is_kept = self.is_holding and treatment is Treatment.NOW
             if is_kept and known.letter in "UJ" and known.letter in self._quirks.hold_scope:
-                return self._keep(lambda now: _ignore(act(line._replace(now=now), given)))
+                return self._keep(
+                    lambda released: _ignore(act(line._replace(now=released.now), given))
+                )
             return act(line, given)
         change = change_of(known.letter, given, self._quirks, self._mover.accepted)
         self._mover.set(line.now, Waiting(change))
@@ -301,13 +310,32 @@ class Interpreter:
         mover = self._mover
         mover.check(line.now, order)
         if is_kept and order.letter in self._quirks.hold_scope:
-            return self._keep(lambda now: mover.take(now, order))
+            return self._keep(lambda released: self._start(released, order))
         if mover.is_busy:
             mover.make_room()
-        mover.take(line.now, order)
+        self._start(line, order)
         return None
 
-    def _keep(self, pending: Callable[[Nanos], None]) -> ReturnCode | None:
+    def _start(self, line: BoardLine, order: MotionOrder) -> None:
+        """Run a motion now, or behind what runs; ``line`` has set it going."""
+        if self._quirks.motion_done == "at_end" and line.origin in _ANSWERED_LATE:
+            self._unanswered.append((order, line))
+        self._mover.take(line.now, order)
+
+    def late_answers(self) -> list[tuple[BoardLine, ReplyPart]]:
+        """What is to be told of motions that are over, and to whom (rule 3)."""
+        ended, self._mover.ended = self._mover.ended, []
+        answers = []
+        for over, outcome in ended:
+            waiting = [
+                number for number, (order, _) in enumerate(self._unanswered) if order is over
+            ]
+            if waiting:
+                _, line = self._unanswered.pop(waiting[0])
+                answers.append((line, self._status(line.command, _ENDINGS[outcome])))
+        return answers
+
+    def _keep(self, pending: Callable[[BoardLine], None]) -> ReturnCode | None:
         """Keep it until K (MN4-CMD-H-01, MN4-AMB-17)."""
         self.pending = pending
         is_told = self._quirks.pending_move_reply == "movepending"
@@ -319,7 +347,7 @@ class Interpreter:
         if self._quirks.hold_after_release == "one_shot":
             self.is_holding = False
         if pending is not None:
-            pending(line.now)
+            pending(line)
         is_told = self._quirks.release_reply == "movepending"
         return ReturnCode.MOVEPENDING if is_told else None
 

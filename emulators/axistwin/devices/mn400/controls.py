@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from axistwin.devices.controls import COMMON, Control, ControlTable
+from axistwin.devices.controls import COMMON, AxisReadout, Control, ControlTable
 from axistwin.devices.mn400.inputs import NAMES
 
 FLAGS: Final = ("stop", "pause", "jog", "run")
@@ -34,6 +34,12 @@ MN400: Final = ControlTable(
             "data",
             "pulses at the four step outputs since power-up, in either direction, all counted",
             read="steps_at",
+        ),
+        Control(
+            "step_rates",
+            "data",
+            "steps per second at the four step outputs, with the sign of the direction",
+            read="step_rates_at",
         ),
         Control("is_moving", "switch", "whether a motion is under way or paused", read="moves_at"),
         Control("exit_code", "whole", "what / tells", "exit_code"),
@@ -124,3 +130,12 @@ MN400: Final = ControlTable(
     ),
 )
 """Of every board."""
+
+AXES: Final = AxisReadout(
+    names=("M1", "M2", "M3", "M4"),
+    unit="steps",
+    position="counters",
+    rate="step_rates",
+    query="E",
+    answer=r"ReadPosition (?:= )?(-?\d[-\d,]*)",
+)

@@ -31,7 +31,7 @@ from axistwin.devices.mn400.link import packets
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin
 from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request
-from axistwin.devices.mn400.link.sender import Message, ReplySender
+from axistwin.devices.mn400.link.sender import Message, ReplyPart, ReplySender
 from axistwin.devices.mn400.motion import PulseTrain
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import Four, added
@@ -55,7 +55,7 @@ _FORMATS: Final = tuple(LineFormat(rate) for rate in RATES)
 _LONG_AGO_NS: Final = -1_000_000 * NS_PER_S
 _SLOT_GAP_NS: Final = 2 * NS_PER_MS
 _COUNTERS: Final = 4 * len("-2147483648") + 3
-_VALUE_BYTES: Final = {"/": 3, "?": 19, "S": 6, "[": 1, ":": 9, "N": _COUNTERS, "E": _COUNTERS}
+_VALUE_BYTES: Final = {"/": 3, "?": 0, "S": 6, "[": 1, ":": 9, "N": _COUNTERS, "E": _COUNTERS}
 """The longest value of each command (MN4-DROP-04)."""
 
 _COUNT_BYTES: Final = len(",4294967295")
@@ -68,6 +68,12 @@ _SILENT_ON_USB: Final = (
     ReturnCode.MOVE_ABORT,
     ReturnCode.BAUDCHANGEOK,
 )
+_FLAW_CODES: Final = {
+    Flaw.TOO_LONG: ReturnCode.SLAVEBUFFOV,
+    Flaw.CHECKSUM: ReturnCode.CHKSUMERROR,
+    Flaw.ADDRESS: ReturnCode.ADDRESS_ERROR,
+    Flaw.NO_COMMAND: ReturnCode.NO_COMMAND,
+}
 _OUTCOMES: Final = (ReturnCode.NOMOVEPENDING, ReturnCode.MOVEPENDING)
 
 
@@ -206,10 +212,9 @@ class Mn400Board:
             answer = interpreter.end_entry(BoardLine(now, command, b"", b"", Origin.SERIAL))
         elif request.flaw is Flaw.NONE:
             answer = interpreter.obey(now, payload, Origin.SERIAL, request.is_for_all)
-        elif request.flaw is Flaw.TOO_LONG:
-            answer = interpreter.refusal(command, ReturnCode.SLAVEBUFFOV, payload, is_alone=True)
-        elif request.flaw is Flaw.CHECKSUM:
-            answer = interpreter.refusal(command, ReturnCode.CHKSUMERROR, payload, is_alone=True)
+        elif request.flaw in _FLAW_CODES:
+            code = _FLAW_CODES[request.flaw]
+            answer = interpreter.refusal(command, code, payload, is_alone=True)
         elif self.quirks.timeout_reply:
             is_told = bool(payload) or self.quirks.timeout_without_command == "zero"
             refusal = interpreter.refusal(command, ReturnCode.TIMEOUT, payload, is_alone=True)
@@ -223,7 +228,7 @@ class Mn400Board:
         start_ns = now + self._delay_ns
         if is_poll or (request.is_for_all and policy == "staggered"):
             start_ns += (number - 1) * self._slot_ns(letter, payload)
-        self._reply(start_ns, answer, Origin.SERIAL)
+        self._reply(start_ns, answer.parts, Origin.SERIAL)
 
     def _slot_ns(self, letter: str, payload: bytes) -> Nanos:
         """How long one board has for its reply (MN4-AMB-08, MN4-DROP-04)."""
@@ -234,6 +239,8 @@ class Mn400Board:
             longest = lines * (1 + around)
         elif letter in _VALUE_BYTES:
             longest = _VALUE_BYTES[letter] + around
+            if letter == "?":
+                longest = len(self.quirks.firmware) + around
             if letter == "E" and payload[1:].isdigit():
                 longest += _COUNT_BYTES
                 wait_ns = MEASURES_MS.get(int(payload[1:5]), 0) * NS_PER_MS
@@ -246,13 +253,13 @@ class Mn400Board:
 
     # -- replies --
 
-    def _reply(self, start_ns: Nanos, answer: Answer, origin: Origin) -> None:
+    def _reply(self, start_ns: Nanos, parts: list[ReplyPart], origin: Origin) -> None:
         """Send a reply to where the command came from (MN4-PHY-05)."""
         is_both = self.quirks.reply_transport == "both"
         if origin is not Origin.USB or is_both:
-            self._serial.send(start_ns, answer.parts)
+            self._serial.send(start_ns, parts)
         if origin is Origin.USB or (is_both and origin is Origin.SERIAL):
-            self._usb.send(start_ns, answer.parts)
+            self._usb.send(start_ns, parts)
 
     def last_message(self, origin: Origin) -> Message | None:
         """What was sent last on the port of ``origin``."""
@@ -322,11 +329,15 @@ class Mn400Board:
                 self._serve(given_up)
             if self._config_due() <= due:
                 answer = self.interpreter.obey(due, self._config.popleft(), Origin.CONFIG)
-                self._reply(due + self._delay_ns, answer, Origin.CONFIG)
+                self._reply(due + self._delay_ns, answer.parts, Origin.CONFIG)
             self._settle(due)
 
     def _settle(self, now: Nanos) -> None:
         """Run the lines of the program that are due; store, send and report what has changed."""
+        for line, part in self.interpreter.late_answers():
+            is_slotted = line.is_for_all and self.quirks.broadcast_reply == "staggered"
+            slot_ns = self._slot_ns(chr(line.command), line.raw) if is_slotted else 0
+            self._reply(now + (self.address - 1) * slot_ns, [part], line.origin)
         parts = self.interpreter.run_program(now)
         if parts:
             self._serial.send(now + self._delay_ns, parts)
@@ -402,7 +413,7 @@ class Mn400Board:
         self._run_until(now)
         text = packets.report_text(data)
         if self._powered and text:
-            self._reply(now, self.interpreter.obey(now, text, Origin.USB), Origin.USB)
+            self._reply(now, self.interpreter.obey(now, text, Origin.USB).parts, Origin.USB)
         return self._changed(now)
 
     def send_usb(self, now: Nanos, text: str) -> list[Effect]:
@@ -504,6 +515,11 @@ class Mn400Board:
     def steps_at(self, now: Nanos) -> list[int]:
         """Pulses at the step outputs since power-up, in either direction, compensation included."""
         return list(added(self.mover.made_at(now), self.jogger.made_at(now)))
+
+    def step_rates_at(self, now: Nanos) -> list[float]:
+        """Steps per second of the step outputs, with the sign of the direction; of jogging too."""
+        rates = [self.mover.rates_at(now), *(one.rates_at(now) for one in self.jogger.motions())]
+        return [sum(of_axis) for of_axis in zip(*rates, strict=True)]
 
     def moves_at(self, now: Nanos) -> bool:
         """Whether an axis moves, or will when its pause is over or pulses come."""

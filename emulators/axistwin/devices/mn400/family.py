@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 from axistwin.devices.family import DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.controls import ControlTable
+    from axistwin.devices.controls import AxisReadout, ControlTable
     from axistwin.devices.mn400.device import Mn400Board
     from axistwin.devices.switches import Quirk
 
@@ -38,6 +38,12 @@ class Mn400Family(Family):
         from axistwin.devices.mn400.controls import MN400
 
         return MN400
+
+    def axis_readout(self) -> "AxisReadout":
+        """Four counters."""
+        from axistwin.devices.mn400.controls import AXES
+
+        return AXES
 
     def explain(self, data: bytes) -> str:
         """Packets in words."""

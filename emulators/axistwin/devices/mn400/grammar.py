@@ -34,6 +34,10 @@ class ParameterError(ValueError):
     """A parameter is malformed or out of range: PARA_ERROR."""
 
 
+class NoSuchOutputError(ParameterError):
+    """The number of an output is out of range: the code may be another one (``mn100_codes``)."""
+
+
 class Omitted(Enum):
     """What an omitted parameter means."""
 
@@ -52,7 +56,7 @@ class BoardParameter:
 
     is_long: of 32 bits, else of 16.  allowed: the only values; else ``low`` to ``high``.
     is_clipped: a value out of range may mean the nearest one that is not (MN4-AMB-24).
-    is_sync: a negative value selects external sync (MN4-CMD-V-02).
+    is_sync: a negative value selects external sync (MN4-CMD-V-02).  is_output: the number of one.
     """
 
     omitted: Omitted | int = Omitted.REQUIRED
@@ -62,6 +66,7 @@ class BoardParameter:
     allowed: tuple[int, ...] = ()
     is_clipped: bool = False
     is_sync: bool = False
+    is_output: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +112,7 @@ COMMANDS: Final[Mapping[str, BoardCommand]] = {
         BoardCommand("(", "BeginCC", (_short(0, SHORT_MAX, MARGIN),)),
         BoardCommand(")", "EndCC"),
         BoardCommand("|", "ClearExitCode"),
-        BoardCommand("C", "Control", (_short(1, 8), _SWITCH)),
+        BoardCommand("C", "Control", (replace(_short(1, 8), is_output=True), _SWITCH)),
         BoardCommand("/", "ExitCode", is_data=True),
         BoardCommand(";", "FeedHold", (_SWITCH,)),
         BoardCommand("?", "FirmwareRev", is_data=True),
@@ -159,6 +164,10 @@ COMMANDS: Final[Mapping[str, BoardCommand]] = {
 """All commands by their characters (MN4-ERR-01 lists those that are none)."""
 
 
+_OF_EACH_AXIS: Final = "MLBD"
+"""Commands with one parameter for each axis of the board."""
+
+
 def commands(quirks: Mn400Quirks) -> dict[str, BoardCommand]:
     """The commands of a board with ``quirks``."""
     found = dict(COMMANDS)
@@ -173,6 +182,8 @@ def commands(quirks: Mn400Quirks) -> dict[str, BoardCommand]:
         found["E"] = replace(found["E"], parameters=(BoardParameter(Omitted.STILL),))
     if not quirks.hold_takes_arg:
         found["H"] = replace(found["H"], parameters=())
+    for letter in _OF_EACH_AXIS:
+        found[letter] = replace(found[letter], parameters=found[letter].parameters[: quirks.axes])
     motor = _short(quirks.plane_base, quirks.plane_base + 3)
     motors = (motor, motor, replace(motor, omitted=Omitted.KEEP))
     found["P"] = replace(found["P"], parameters=motors)
@@ -180,17 +191,22 @@ def commands(quirks: Mn400Quirks) -> dict[str, BoardCommand]:
 
 
 def arguments(command: BoardCommand, text: bytes, quirks: Mn400Quirks) -> Arguments:
-    """The parameters in ``text``, what follows the command's character.  Raises ParameterError."""
+    """The parameters in ``text``, what follows the command's character.  Raises ParameterError.
+
+    Those of axes that the board does not have are omitted.
+    """
     fields = text.split(b",") if text else []
     wanted = command.parameters
     if len(fields) > len(wanted) and quirks.extra_params == "para_error":
         raise ParameterError
     numbers = [_number(field) for field in fields][: len(wanted)]
     numbers += [None] * (len(wanted) - len(numbers))
-    return tuple(
+    values = tuple(
         _omitted(parameter, quirks) if number is None else _checked(parameter, number, quirks)
         for parameter, number in zip(wanted, numbers, strict=True)
     )
+    lacking = len(COMMANDS[command.letter].parameters) - len(wanted)
+    return values + (None,) * lacking
 
 
 def _number(field: bytes) -> int | None:
@@ -230,5 +246,5 @@ def _checked(parameter: BoardParameter, value: int, quirks: Mn400Quirks) -> int:
     if parameter.is_clipped and quirks.speed_range_policy == "clip":
         return min(max(value, low), high)
     if not low <= value <= high or (parameter.allowed and value not in parameter.allowed):
-        raise ParameterError
+        raise NoSuchOutputError if parameter.is_output else ParameterError
     return value

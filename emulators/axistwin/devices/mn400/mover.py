@@ -22,7 +22,7 @@ Rules
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.motion import MotionRules, PulseTrain, VectorMotion
@@ -42,6 +42,7 @@ from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import Nanos
 
 PauseReason: TypeAlias = Literal["command", "shield"]
+MotionOutcome: TypeAlias = Literal["completed", "aborted", "quit"]
 Change: TypeAlias = Callable[[BoardSettings], BoardSettings]
 
 FULL_FEED: Final = 1000
@@ -56,12 +57,22 @@ class Waiting:
     moves_counters_to: Sequence[int | None] | None = None
 
 
+class EndedMotion(NamedTuple):
+    """A motion that is over, or was dropped from the queue, and how."""
+
+    order: MotionOrder
+    outcome: MotionOutcome
+
+
 class QueueFullError(Exception):
     """The queue has no place: SLAVEBUFFOV."""
 
 
 class Mover:
-    """The axes of one board, at rest at ``power_on_position``."""
+    """The axes of one board, at rest at ``power_on_position``.
+
+    ``ended`` tells what is over, to be taken by who answers.
+    """
 
     def __init__(self, quirks: Mn400Quirks, inputs: Inputs) -> None:
         self._quirks = quirks
@@ -89,6 +100,8 @@ class Mover:
         self._limit_ns: Nanos = NEVER
         self._ended_by: int | None = None
         self._halted_code = 0
+        self._cut: MotionOutcome = "aborted"
+        self.ended: list[EndedMotion] = []
         self._reasons: set[PauseReason] = set()
         self.is_latched = False
         self.has_feed_hold = bool(quirks.feedhold_power_on)
@@ -151,6 +164,10 @@ class Mover:
     def made_at(self, now: Nanos) -> Four:
         """Pulses at the step outputs since power-up, those of compensation included."""
         return self._made if self._motion is None else added(self._made, self._motion.made_at(now))
+
+    def rates_at(self, now: Nanos) -> tuple[float, ...]:
+        """Steps per second at the step outputs, with the sign of the direction."""
+        return (0.0,) * AXES if self._motion is None else self._motion.rates_at(now)
 
     def phantom_at(self, now: Nanos) -> int:
         """Phantom steps since power-up (E1, E2)."""
@@ -265,7 +282,7 @@ class Mover:
         self.order = order
         self.is_aborted = False
         self._left = self._path_left = ZERO
-        self._ended_by, self._halted_code = None, 0
+        self._ended_by, self._halted_code, self._cut = None, 0, "aborted"
         if self.is_latched:
             self._reasons.add("command")
             self.is_latched = False
@@ -300,8 +317,9 @@ class Mover:
 
     def _finish(self, now: Nanos) -> None:
         """The motion is over: by itself, or ended before."""
-        motion = self._motion
+        motion, order = self._motion, self.order
         assert motion is not None
+        assert order is not None
         self._phantom += self._counted(motion, now)
         self._made = added(self._made, motion.made_at(now))
         self._memory = motion.lash_memory_at(now)
@@ -314,6 +332,7 @@ class Mover:
             if self._quirks.readcount_after_abort == "kept":
                 self._left = self.left_at(now)
         self._base = wrapped(added(self._base, motion.position_at(now)))
+        self.ended.append(EndedMotion(order, self._cut if self.is_aborted else "completed"))
         self._forget()
 
     def _forget(self) -> None:
@@ -379,7 +398,7 @@ class Mover:
 
     def _end(self, now: Nanos, last_ns: Nanos, code: int, *, is_ramped: bool) -> None:
         """End the motion and drop what waits (rule 3)."""
-        self.flush()
+        self._flush()
         self._ended_by = code
         self._limit_ns = NEVER
         if self._motion is None:
@@ -390,8 +409,10 @@ class Mover:
         if self._motion.is_over_at(now):
             self._finish(now)
 
-    def flush(self) -> None:
+    def _flush(self) -> None:
         """Drop what waits, settings included."""
+        dropped = (item for item in self.queue if isinstance(item, MotionOrder))
+        self.ended += [EndedMotion(order, self._cut) for order in dropped]
         self.queue.clear()
         self.accepted = self.settings
 
@@ -406,8 +427,13 @@ class Mover:
 
     def quit(self, now: Nanos) -> None:
         """Q: end the motion, and drop what waits (MN4-CMD-Q-01, MN4-CMD-Q-02)."""
-        kept, accepted = list(self.queue), self.accepted
+        kept: list[MotionOrder | Waiting] = []
+        accepted = self.accepted
+        if not self._quirks.quit_flushes_queue:
+            kept += self.queue
+            self.queue.clear()
         if self.is_busy:
+            self._cut = "quit"
             is_ramped = self._quirks.quit_decel and not self.is_paused
             self._end(now, now, self._abort_code(), is_ramped=is_ramped)
         self._reasons.discard("command")

@@ -15,6 +15,10 @@ from axistwin.devices.switches import Quirk, Settings, number, parse_settings, q
 TIME_MAX_MS: Final = 60_000
 LONG_MAX: Final = (1 << 31) - 1
 
+FIRMWARE: Final = "MN400 V 1.08 / 1.04"
+"""As in the manual."""
+
+FIRMWARE_MAX: Final = 40
 _DECIMALS_MAX: Final = 3
 
 
@@ -329,7 +333,33 @@ class Mn400Quirks:
         "run_program", "MN4-AMB-56", "the Start input"
     )
 
+    PREDECESSOR: ClassVar[str] = "As the MN100, its predecessor"
+    start_null: bool = quirk(True, "MN4-AMB-03", "a null behind START, DONE and PRESENT")
+    motion_done: Literal["at_once", "at_end"] = quirk(
+        "at_once",
+        "MN4-RSP-05",
+        "DONE of a motion: at once, or when it is over (MOVE_ABORT, or MOVE_STOPPED for Q, if it "
+        "was ended)",
+    )
+    queue_full_code: Literal["slavebuffov", "busy"] = quirk(
+        "slavebuffov", "MN4-AMB-52", "code for a command that finds no room in the queue"
+    )
+    mn100_codes: bool = quirk(
+        False,
+        "MN4-AMB-51",
+        "ADDRESS_ERROR for two addresses that differ, NO_COMMAND for a packet without one, "
+        "NOT_AVAILABLE for an output that does not exist",
+    )
+    axes: int = number(4, 1, 4, "MN4-CMD-E-01", "axes in the fields of E, N, M, L, B and D")
+
     CONFIGURATION: ClassVar[str] = "Configuration"
+    firmware: str = quirk(
+        FIRMWARE,
+        "MN4-CMD-FW-01",
+        "what ? tells: model, revisions of the motion and the communication processor",
+        form=f"at most {FIRMWARE_MAX} printable characters of ASCII",
+        check=lambda text: 0 < len(text) <= FIRMWARE_MAX and text.isascii() and text.isprintable(),
+    )
     transport: Literal["auto", "rs232", "rs485"] = quirk(
         "auto", "MN4-PHY-04", "line type (auto: rs232 for a board alone on its line)"
     )

@@ -6,7 +6,7 @@ Rules
 2. Numbers are decimal, with a minus and commas between them, and nothing else (MN4-RSP-10).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from axistwin.devices.mn400.grammar import Arguments
@@ -20,9 +20,6 @@ from axistwin.devices.mn400.orders import added
 from axistwin.devices.mn400.quirks import Mn400Quirks
 from axistwin.devices.mn400.store import ProgramStore
 from axistwin.kernel.time import NS_PER_MS, Nanos
-
-FIRMWARE: Final = "MN400 V 1.08 / 1.04"
-"""Model, revisions of the motion and of the communication processor, as in the manual."""
 
 MEASURES_MS: Final = {1: 100, 2: 1000}
 """How long E1 and E2 count."""
@@ -48,10 +45,10 @@ class ReadOut:
         self._store = store
         self._values: dict[str, Callable[[Nanos], str]] = {
             "/": lambda now: str(self._mover.exit_code),
-            "?": lambda now: FIRMWARE,
+            "?": lambda now: self._quirks.firmware,
             "S": lambda now: str(self._inputs.status),
-            "N": lambda now: _joined(self._mover.left_at(now)),
-            "E": lambda now: _joined(self.position_at(now)),
+            "N": lambda now: self._fields(self._mover.left_at(now)),
+            "E": lambda now: self._fields(self.position_at(now)),
             "[": self._shield_status,
             ":": self._switch_status,
         }
@@ -59,6 +56,10 @@ class ReadOut:
     def position_at(self, now: Nanos) -> tuple[int, int, int, int]:
         """The counters, with what the axes jog."""
         return added(self._mover.position_at(now), self._jogger.moved_at(now))
+
+    def _fields(self, values: Sequence[int]) -> str:
+        """One field for each axis."""
+        return _joined(values[: self._quirks.axes])
 
     def value(self, line: BoardLine, letter: str, given: Arguments) -> Answer:
         """START, and a value (rule 3)."""
@@ -79,12 +80,12 @@ class ReadOut:
         began: list[tuple[int, str]] = []
 
         def begin(now: Nanos) -> None:
-            began.append((mover.phantom_at(now), _joined(self.position_at(now))))
+            began.append((mover.phantom_at(now), self._fields(self.position_at(now))))
 
         def tell(now: Nanos) -> Message:
             phantom, position = began[0]
             if self._quirks.measure_position_sample == "end":
-                position = _joined(self.position_at(now))
+                position = self._fields(self.position_at(now))
             return Message(address, command, value=f"{position},{mover.phantom_at(now) - phantom}")
 
         return [ReplyPart(begin), ReplyPart(tell, measured_ms * NS_PER_MS)]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from axistwin.devices.family import Carrier, DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.controls import ControlTable
+    from axistwin.devices.controls import AxisReadout, ControlTable
     from axistwin.devices.mac.can.device import MacCan
     from axistwin.devices.switches import Quirk
     from axistwin.wire.can_frame import CanFrame
@@ -36,6 +36,12 @@ class MacCanFamily(Family):
         from axistwin.devices.mac.controls import MAC
 
         return MAC
+
+    def axis_readout(self) -> "AxisReadout":
+        """The counter."""
+        from axistwin.devices.mac.controls import AXIS
+
+        return AXIS
 
     def explain(self, data: "CanFrame") -> str:
         """A frame in words."""

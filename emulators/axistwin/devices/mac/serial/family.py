@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 from axistwin.devices.family import DeviceOptions, Family, Model
 
 if TYPE_CHECKING:
-    from axistwin.devices.controls import ControlTable
+    from axistwin.devices.controls import AxisReadout, ControlTable
     from axistwin.devices.mac.serial.device import MacSerial
     from axistwin.devices.switches import Quirk
 
@@ -46,6 +46,12 @@ class MacSerialFamily(Family):
         from axistwin.devices.mac.controls import MAC
 
         return MAC
+
+    def axis_readout(self) -> "AxisReadout":
+        """The counter."""
+        from axistwin.devices.mac.controls import AXIS
+
+        return AXIS
 
     def explain(self, data: bytes) -> str:
         """Frames and replies in words."""

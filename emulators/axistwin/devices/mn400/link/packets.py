@@ -1,7 +1,7 @@
 """Packets of the serial port and reports of the USB port: their bytes (ledger §2).
 
     request  ADDR | command | parameters | ADDR | sum
-    status   ADDR | command | code | 00 | ADDR | sum
+    status   ADDR | command | code | 00 | ADDR | sum            the null: MN4-AMB-03
     data     ADDR | command | value | trailer | ADDR | sum
 
 ADDR is the number of the board with bit 7 set, 80h for all boards (MN4-PKT-02).  The sum is that of
@@ -43,9 +43,11 @@ class ReturnCode(IntEnum):
     MOVE_ABORT = 0x04
     DONE = 0x05
     CHKSUMERROR = 0x07
+    ADDRESS_ERROR = 0x08
     INVALIDCOMMAND = 0x0C
     INVALIDPROGCOMM = 0x0D
     PARA_ERROR = 0x0E
+    NO_COMMAND = 0x0F
     NOMOVEPENDING = 0x10
     MOVEPENDING = 0x11
     BAUDCHANGEOK = 0x12
@@ -53,8 +55,33 @@ class ReturnCode(IntEnum):
     BUSY = 0x14
     SLAVEBUFFOV = 0x15
     PRESENT = 0x16
+    NOT_AVAILABLE = 0x1D
     MEMORY_FULL = 0x1E
+    MOVE_STOPPED = 0x20
 
+
+OF_MN100: Final = (
+    ReturnCode.ADDRESS_ERROR,
+    ReturnCode.NO_COMMAND,
+    ReturnCode.NOT_AVAILABLE,
+    ReturnCode.MOVE_STOPPED,
+)
+"""The codes that the predecessor alone has (``mn100_codes``, ``motion_done``)."""
+
+REASONS: Final = {
+    ReturnCode.CHKSUMERROR: "its checksum is wrong",
+    ReturnCode.ADDRESS_ERROR: "its two addresses differ",
+    ReturnCode.NO_COMMAND: "it has no command",
+    ReturnCode.NOT_AVAILABLE: "there is no such output",
+    ReturnCode.INVALIDCOMMAND: "no such command while the board is in this state: {state}",
+    ReturnCode.INVALIDPROGCOMM: "it cannot stand in a stored program",
+    ReturnCode.PARA_ERROR: "a parameter is malformed or out of range",
+    ReturnCode.TIMEOUT: "the packet broke off",
+    ReturnCode.BUSY: "not possible in this state: {state}",
+    ReturnCode.SLAVEBUFFOV: "no room in the buffer or the queue",
+    ReturnCode.MEMORY_FULL: "no room in the store",
+}
+"""What the codes of refusals mean, for who looks on."""
 
 NULL_IS_SHOWN: Final = (ReturnCode.START, ReturnCode.PRESENT, ReturnCode.DONE)
 """The codes behind which the manual shows a null; behind the others see MN4-AMB-03."""
@@ -81,7 +108,7 @@ def completed(data: bytes) -> bytes:
 
 def status(address: int, command: int, code: int, quirks: Mn400Quirks) -> bytes:
     """A status packet (MN4-RSP-01, MN4-RSP-13)."""
-    has_null = quirks.outcome_null or code in NULL_IS_SHOWN
+    has_null = quirks.start_null if code in NULL_IS_SHOWN else quirks.outcome_null
     return packet(address, bytes((command, code)) + b"\x00" * has_null)
 
 

@@ -9,6 +9,8 @@ Rules
 3. A packet that is not complete some time after its last byte is given up (MN4-AMB-51).  A byte
    that is complete just when that time is over has come in time.
 4. A character with a bad stop bit is as if it had never been.
+5. With ``mn100_codes`` a byte that opens a packet anew may also end the one before: if what follows
+   is the right sum of all, that packet has two different addresses, or no command.
 """
 
 from collections.abc import Callable
@@ -28,6 +30,8 @@ class Flaw(Enum):
     NONE = "nothing"
     TOO_LONG = "it has more characters than the buffer holds"
     CHECKSUM = "its sum is wrong"
+    ADDRESS = "its two addresses differ"
+    NO_COMMAND = "there is nothing between its addresses"
     INCOMPLETE = "it was not completed in time"
 
 
@@ -47,21 +51,22 @@ class Request(NamedTuple):
 class _Frame:
     """What there is of a packet."""
 
-    __slots__ = ("_payload_max", "is_closed", "is_too_long", "opening", "payload", "total")
+    __slots__ = (
+        *("_is_doubtful", "_payload_max", "doubted", "is_closed", "is_too_long"),
+        *("opening", "payload", "total"),
+    )
 
-    def __init__(self, payload_max: int) -> None:
+    def __init__(self, payload_max: int, *, is_doubtful: bool = False) -> None:
         self._payload_max = payload_max
-        self.opening = 0
-        self.payload = bytearray()
-        self.is_closed = self.is_too_long = False
-        self.total = 0
+        self._is_doubtful = is_doubtful
+        self.open(0)
 
     def copy(self) -> "_Frame":
         """The same, apart."""
-        other = _Frame(self._payload_max)
+        other = _Frame(self._payload_max, is_doubtful=self._is_doubtful)
         other.opening, other.payload = self.opening, self.payload[:]
         other.is_closed, other.is_too_long = self.is_closed, self.is_too_long
-        other.total = self.total
+        other.total, other.doubted = self.total, self.doubted
         return other
 
     def open(self, opening: int) -> None:
@@ -69,18 +74,28 @@ class _Frame:
         self.opening = self.total = opening
         self.payload = bytearray()
         self.is_closed = self.is_too_long = False
+        self.doubted: tuple[int, bytes, int] | None = None
+        """Opening, payload and sum of the packet that may end here (rule 5)."""
 
     def take(self, byte: int) -> int | None:
         """One more byte (rule 1); the sum, if that is it."""
         if byte >= ADDRESS_BIT:
             if byte != self.opening or not self.payload or self.is_closed:
+                before = (self.opening, bytes(self.payload), (self.total + byte) & 0x7F)
+                is_doubted = self._is_doubtful and self.opening and not self.is_closed
                 self.open(byte)
+                self.doubted = before if is_doubted else None
             else:
                 self.is_closed = True
                 self.total += byte
-        elif self.is_closed:
+            return None
+        doubted, self.doubted = self.doubted, None
+        if doubted is not None and doubted[2] == byte:
+            self.opening, self.payload = doubted[0], bytearray(doubted[1])
             return byte
-        elif self.opening:
+        if self.is_closed:
+            return byte
+        if self.opening:
             self.total += byte
             if len(self.payload) < self._payload_max:
                 self.payload.append(byte)
@@ -106,7 +121,7 @@ class PacketReceiver:
         self._address = address
         self._ends_raw = ends_raw
         self._timeout_ns = quirks.rx_timeout_ms * NS_PER_MS + skew_ns
-        self._frame = _Frame(quirks.rx_payload_max)
+        self._frame = _Frame(quirks.rx_payload_max, is_doubtful=quirks.mn100_codes)
         self._due = NEVER
 
     def reset(self) -> None:
@@ -152,7 +167,9 @@ class PacketReceiver:
         """The packet is complete, with ``given`` as its sum."""
         frame = self._frame
         flaw = Flaw.NONE
-        if frame.is_too_long:
+        if not frame.is_closed:
+            flaw = Flaw.ADDRESS if frame.payload else Flaw.NO_COMMAND
+        elif frame.is_too_long:
             flaw = Flaw.TOO_LONG
         elif frame.total & 0x7F != given:
             flaw = Flaw.CHECKSUM

@@ -40,6 +40,7 @@ What a motion answers.  Times are ``Nanos``; None means never, as planned now.
     remaining_at(t)     total - position (N, net and signed);  path_left_at(t)  steps not taken
     made_at(t)          steps made in either direction, compensation included
     phantom_at(t)       ticks of multi-axis moves so far (E1, E2)
+    rates_at(t)         steps per second of each axis, signed, compensation included
     headings_at(t)      direction (+1, 0, -1) of the next step of each axis; 0: none will come.
                         Known before the pulses are; 0 while it stands paused
     step_time_ns(axis, n)            time of the n-th commanded step, n >= 1

@@ -11,6 +11,9 @@ from axistwin.devices.mn400.motion.pulses import PulseTrain
 from axistwin.devices.mn400.motion.rules import AXES, MoveSettings, Quad
 from axistwin.kernel.time import Nanos
 
+RATE_STEPS = 8
+"""To either side of an instant, whose mean slope is that of the path there."""
+
 
 @dataclass(frozen=True)
 class VectorMotion:
@@ -97,6 +100,19 @@ class VectorMotion:
     def phantom_at(self, now_ns: Nanos) -> int:
         """Ticks of commanded moves of more than one axis so far (MN4-MEA-01)."""
         return self.chain.phantoms(self._x_at(now_ns))
+
+    def rates_at(self, now_ns: Nanos) -> tuple[float, ...]:
+        """Steps per second of each axis, with the sign of its direction, compensation included.
+
+        The speed along the path now, times the mean slope of some steps around: the steps of a
+        minor axis do not come evenly.
+        """
+        x, speed = self._x_at(now_ns), 0
+        for pace in self.paces:
+            if pace.start_ns is None or pace.start_ns > now_ns:
+                break
+            speed = pace.speed_at(now_ns)
+        return tuple(self._rate(axis, now_ns, x, speed) for axis in AXES)
 
     def headings_at(self, now_ns: Nanos) -> Quad:
         """The direction of each axis' next step, be its pulse known or not; 0: none comes."""
@@ -260,6 +276,12 @@ class VectorMotion:
         if stands and self._time_of(axis, n) is None:
             return 0
         return self.chain.step(axis, n)[0]
+
+    def _rate(self, axis: int, now_ns: Nanos, x: int, speed: int) -> float:
+        following = self._taken(axis, now_ns) + 1
+        if not speed or self._is_beyond_halt(axis, following):
+            return 0.0
+        return speed * self.chain.slope(axis, following, x, RATE_STEPS)
 
     def _memory(self, axis: int, taken: int) -> int:
         if not self.chain.total(axis):

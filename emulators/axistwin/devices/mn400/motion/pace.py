@@ -56,6 +56,9 @@ class Pace(Protocol):
     def x_at(self, now_ns: Nanos) -> int:
         """Where the motion is."""
 
+    def speed_at(self, now_ns: Nanos) -> int:
+        """How much of x it drives in a second."""
+
     def starting(self, start_ns: Nanos | None) -> "Pace":
         """The same pace with that start."""
 
@@ -132,6 +135,10 @@ class TimedPace:
     def x_at(self, now_ns: Nanos) -> int:
         """Where the motion is."""
         return self._state_at(now_ns)[0]
+
+    def speed_at(self, now_ns: Nanos) -> int:
+        """The speed of the timeline."""
+        return self._state_at(now_ns)[1]
 
     def starting(self, start_ns: Nanos | None) -> "TimedPace":
         """The same pace with that start."""
@@ -308,6 +315,14 @@ class PulsedPace:
         if self.start_ns is None or now_ns < self.start_ns:
             return self.x0 + (self.used_before << FINE)
         return min(self.x1, self.x0 + (self._at(now_ns).used << FINE))
+
+    def speed_at(self, now_ns: Nanos) -> int:
+        """That of the train, from the first pulse that is used to the last."""
+        first_ns, end_ns = self.time_of(self.x0 + ONE), self.end_ns
+        if self.train is None or first_ns is None or end_ns is None:
+            return 0
+        is_driven = first_ns <= now_ns < end_ns
+        return (self.train.rate_millihertz << FINE) // 1000 if is_driven else 0
 
     def starting(self, start_ns: Nanos | None) -> "PulsedPace":
         """The same pace with that start."""

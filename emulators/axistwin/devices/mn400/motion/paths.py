@@ -257,6 +257,17 @@ class PathChain:
         _, path, inner = self._of_step(axis, n)
         return path.heading(axis, inner), path.is_commanded
 
+    def slope(self, axis: int, n: int, x: int, reach: int) -> float:
+        """Displacement for each unit of x where ``x`` is, over some steps around the ``n``-th."""
+        index = min(bisect_right(self.starts, x), len(self.paths)) - 1
+        path, total = self.paths[index], self.paths[index].total(axis)
+        near = min(max(n - self._steps[axis][index], 1), total)
+        first, last = max(1, near - reach), min(near + reach, total)
+        if isinstance(path, StraightPath) or last - first < 2:
+            return path.displacement(axis, total) / path.length
+        moved = path.displacement(axis, last) - path.displacement(axis, first)
+        return moved / (path.place(axis, last) - path.place(axis, first))
+
     def next_in_direction(self, axis: int, n: int, direction: int) -> int | None:
         """The first step from the ``n``-th on that goes in ``direction`` (0: any); None: none."""
         while n <= self.total(axis):

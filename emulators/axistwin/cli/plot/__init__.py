@@ -1,0 +1,1 @@
+"""``axistwin plot``: what is drawn, where it comes from, and how it is drawn."""
