@@ -31,7 +31,7 @@ from axistwin.control.models import (
     Problem,
     StateInfo,
 )
-from axistwin.control.watching import Watching
+from axistwin.control.watching import WATCHERS_MAX, Watching
 from axistwin.errors import UnknownNameError, UsageError
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.control_access import BoundControl
@@ -205,10 +205,17 @@ class Api:
         except UsageError as error:
             await client.send_denial_response(JSONResponse(problem(404, str(error)), 404))
             return
-        await client.accept()
-        await Watching(
-            self._rack, self._live, self._counts, client, names or list(self._rack.devices)
-        ).run()
+        if self._counts.watchers >= WATCHERS_MAX:
+            text = f"{WATCHERS_MAX} clients watch already; come again"
+            await client.send_denial_response(JSONResponse(problem(503, text), 503))
+            return
+        self._counts.watchers += 1
+        try:
+            await client.accept()
+            devices = names or list(self._rack.devices)
+            await Watching(self._rack, self._live, self._counts, client, devices).run()
+        finally:
+            self._counts.watchers -= 1
 
     async def metrics(self) -> Response:
         """For Prometheus."""

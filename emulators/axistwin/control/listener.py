@@ -2,7 +2,7 @@
 
 Rules
 -----
-1. At most ``CONNECTIONS_MAX``: for another one, the one that has been idle longest is closed.
+1. At most ``CONNECTIONS_MAX`` of HTTP: for another, the one that has been idle longest is closed.
 2. A connection without a request is closed after ``IDLE_S``, half a request or none at all; one
    with a request that takes longer than ``REQUEST_S``, too.
 3. What a client does not read is kept up to about ``SEND_BUFFER_BYTES``, by the kernel and here.
@@ -39,8 +39,9 @@ class _BoundedConnection(H11Protocol):
         super().connection_made(transport)  # type: ignore[arg-type]  # of sockets only
         self.since_s = self.loop.time()
         self._timer = self.loop.call_later(IDLE_S, self._look)
-        if len(self.connections) > CONNECTIONS_MAX:
-            ours = [each for each in self.connections if isinstance(each, _BoundedConnection)]
+        # WebSockets have a bound of their own: who watches keeps nobody out.
+        ours = [each for each in self.connections if isinstance(each, _BoundedConnection)]
+        if len(ours) > CONNECTIONS_MAX:
             idle = [each for each in ours if not each.is_busy] or [self]
             min(idle, key=lambda each: each.since_s).end()
 
@@ -101,6 +102,12 @@ class _Uvicorn(uvicorn.Server):
         self.loop = asyncio.get_running_loop()
         self.is_running.set()
         await self.ended.wait()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().shutdown(sockets)
+        for connection in list(self.server_state.connections):  # who does not read its end
+            connection.transport.abort()
+        await asyncio.sleep(0.01)  # for the loop to close them
 
     is_running: threading.Event
 

@@ -25,7 +25,6 @@ from axistwin.runtime.serving.rack import Rack
 QUEUE_MAX: Final = 512
 WATCHERS_MAX: Final = 64
 TOO_SLOW: Final = 4001
-TOO_MANY: Final = 1013
 NOT_EXPECTED: Final = 1003
 
 
@@ -51,10 +50,6 @@ class Watching:
 
     async def run(self) -> None:
         """Tell everything until the client goes, or is dropped."""
-        if self._counts.watchers >= WATCHERS_MAX:
-            await self._client.close(TOO_MANY, f"{WATCHERS_MAX} watch already")
-            return
-        self._counts.watchers += 1
         self._rack.loop.call_soon(self._join)
         ends = [
             asyncio.create_task(each)
@@ -63,7 +58,6 @@ class Watching:
         try:
             await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._counts.watchers -= 1
             self._rack.loop.call_soon(self._part)
             for each in ends:
                 each.cancel()
