@@ -104,6 +104,10 @@ class _Uvicorn(uvicorn.Server):
         await self.ended.wait()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        # asyncio loses whom it is accepting while its server closes: accept nobody, then close.
+        for listening in sockets or ():
+            self.loop.remove_reader(listening)
+        await asyncio.sleep(0.05)
         await super().shutdown(sockets)
         for connection in list(self.server_state.connections):  # who does not read its end
             connection.transport.abort()
