@@ -48,3 +48,12 @@ def test_between_the_requests_is_waited_as_long_as_it_was() -> None:
     ]
     assert again(plain(records), (0, 3, 4)) == ["02 01", "wait 350 ms", "02 02", "02 03"]
     assert again(plain(records), ()) == []
+
+
+def test_an_idle_wait_is_kept_though_short() -> None:
+    """Where a motion runs it matters; the time of a request that is left out does not."""
+    said = ((0, "host"), (19, "host"), (20, "host"), (39, "device"), (40, "host"), (60, "host"))
+    records = [Record(at * MS, Direction(who), bytes((2, at))) for at, who in said]
+    assert again(plain(records), (0, 1)) == ["02 00", "wait 19 ms", "02 13"]
+    assert again(plain(records), (1, 4)) == ["02 13", "02 28"]
+    assert again(plain(records), (1, 5)) == ["02 13", "wait 41 ms", "02 3C"]

@@ -99,7 +99,7 @@ def test_a_failure_is_explained_down_to_the_bytes(bench: Any) -> None:
     for part in (
         "FAIL  fails",
         "   The letter Q: q; expected z or Z.",
-        "manual      MACS-FRAME-01: A request has exactly 21 bytes",
+        "required    MACS-FRAME-01: A request has exactly 21 bytes",
         "(MAC23/34 V24 expert manual r5 (2006), chapter II, chapter III)",
         "host     51  the letter Q",
         "device   71  the letter q",

@@ -307,6 +307,38 @@ def test_coverage_and_arms_are_told(
     assert all(part in row for part in told)
 
 
+def test_a_planted_fault_is_counted_and_not_named(report: Report) -> None:
+    """What the suite's makers planted says nothing about this device."""
+    for one in report["requirements"]:
+        one["armed"] = ["deaf_to_everything"]
+    text = render(report)
+    assert "1 fault caught" in text
+    assert "deaf_to_everything" not in text
+
+
+def test_failures_of_one_cause_are_folded_into_the_first(report: Report) -> None:
+    """Each keeps its article, to which its requirement leads; both numbers are told."""
+    [wrong] = [one for one in report["checks"] if one["name"] == "_wrong"]
+    report["checks"].append({**wrong, "name": "_wrong_too"})
+    page = render(report)
+    first = page.index('<article id="fail-_wrong"')
+    folded = page.index('<details class="also"><summary>1 other check', first)
+    assert first < folded < page.index('<article id="fail-_wrong_too"')
+    checks = len([one for one in report["checks"] if one["verdict"] == "fail"])
+    told = f"{checks} checks failed, on {len(failed(report))} requirements; {checks - 1} groups"
+    assert told in page
+    Page(page)
+
+
+def test_of_many_problems_the_last_stand_at_the_top(report: Report) -> None:
+    """They tell the state in which the run has ended; the others are folded, none is lost."""
+    report["finished"]["problems"] = [f"trouble {number}." for number in range(9)]
+    head = render(report).partition("</header>")[0]
+    assert re.findall(r"Problem: trouble (\d)", head) == ["6", "7", "8"]
+    assert "6 earlier problems</summary>" in head
+    assert all(f"trouble {number}." in head for number in range(9))
+
+
 def asks(session: Session) -> None:
     """It answers."""
 

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from axistwin_conformance.base.classes import SAFETY_CLASSES
-from axistwin_conformance.base.events import Event
+from axistwin_conformance.base.events import Event, RunFinished
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.probing import Seen
 from axistwin_conformance.core.session import Session
@@ -198,3 +198,32 @@ def test_list_and_plan_fit_every_terminal(model: str, width: int) -> None:
         assert f"{check.name}  {'+'.join(check.safety)}" in lines
         assert check.behaviour in words
     assert {one.partition(" ")[0] for one in listed.splitlines()} - {""} == set(plan.requirements)
+
+
+def is_wrong_too(session: Session) -> None:
+    """The same again."""
+    is_wrong(session)
+
+
+def test_failures_of_one_cause_are_one_block(toy: Any) -> None:
+    """The others are named below it, with what they fail; who asks gets them all."""
+    toy.add(is_wrong, "MACS-LINE-01")
+    toy.add(is_wrong_too, "MACS-REPLY-01")
+    text = shown(toy)
+    assert re.findall("^FAIL  (.*)$", text, re.MULTILINE) == ["is_wrong"]
+    assert "also fails, likely by the same cause: is_wrong_too (MACS-REPLY-01)" in text
+    assert "requirements: 0 pass · 2 fail" in text
+    text = shown(toy, is_verbose=True)
+    assert re.findall("^FAIL  (.*)$", text, re.MULTILINE) == ["is_wrong", "is_wrong_too"]
+
+
+@pytest.mark.parametrize(("is_verbose", "first"), [(False, 6), (True, 0)])
+def test_of_many_problems_the_last_are_told(toy: Any, is_verbose: bool, first: int) -> None:
+    """They tell the state in which the run has ended, and how many came before."""
+    out = io.StringIO()
+    console, ledger = Console(file=out, width=80), load_ledger("mac_serial")
+    face = TerminalReport(console, ledger, toy.family.explain, is_verbose=is_verbose)
+    face(RunFinished(1, "It fails.", {}, tuple(f"trouble {n}." for n in range(9)), 0.0))
+    told = re.findall(r"^problem: (.*)$", out.getvalue(), re.MULTILINE)
+    before = [] if is_verbose else ["6 earlier problems: --verbose, --report"]
+    assert told == [*before, *(f"trouble {n}." for n in range(first, 9))]

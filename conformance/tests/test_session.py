@@ -11,7 +11,9 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict, merge
+from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.session import MOTIONS_KEPT, Run, Session, Stop
 
 LINE, FRAME = "MACS-LINE-01", "MACS-FRAME-01"
@@ -114,6 +116,30 @@ def test_two_readings_in_one_run_fail(toy: Any) -> None:
         later.quirk(FRAME, "xon_byte", "1Ah")
     assert later.findings[0].verdict is Verdict.FAIL
     assert "xon_byte=11h" in later.findings[0].expected[0]
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_second_reading_is_told_with_the_exchange_that_showed_the_first(
+    toy: Any, is_known: bool
+) -> None:
+    """And with the rule; where two readings explain the first exchange, it shows neither."""
+    run = make_run(toy)
+    asked = Record(7, Direction.HOST, b"Q")
+    run.shown["xon_byte"] = (asked,)
+    if is_known:
+        run.readings["xon_byte"] = "11h"
+    else:
+        run.detections["xon_byte"] = Detection("xon_byte", None, "open", ("11h", "13h"))
+    later = Session(run, check(LINE)(sample))
+    later.target.send(b"R")
+    with pytest.raises(Stop):
+        later.quirk(LINE, "xon_byte", "1Ah")
+    [found] = later.conclude("")
+    assert found.sentence.endswith("; expected the same each time.")
+    assert found.rule.startswith("The manual leaves this open (MACS-AMB-01: ")
+    texts = [record.text for record in found.transcript]
+    assert (asked in found.transcript) is is_known
+    assert ("in this check:" in texts) is is_known
 
 
 def test_a_reading_against_a_firm_requirement_is_named_as_such(session: Session) -> None:

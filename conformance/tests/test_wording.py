@@ -8,11 +8,12 @@ import pytest
 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.core.wording import Observation, telling
+from axistwin_conformance.core.wording import Observation, shown_exchange, telling
 from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.families.mac.axis.words import answer_words, request_words
 from axistwin_conformance.families.mac.can import codec as can_codec
 from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.msc import codec as msc_codec
 
 MS = 1_000_000
 
@@ -36,7 +37,7 @@ def mark(text: str, time_ms: int = 0) -> Record:
 
 
 def test_what_led_there_is_told_and_the_rest_is_not() -> None:
-    """The last command that changed something and what was done to the rig; no query, no noise."""
+    """The motion, the last command that changed something, what was done to the rig; no query."""
     records = [
         host(0, 0x0F, 5),
         host(10, 0x13, -500),
@@ -47,8 +48,8 @@ def test_what_led_there_is_told_and_the_rest_is_not() -> None:
         host(500, 0x20),
     ]
     assert sentence(records, in_words, ("-4..-2",), "7") == (
-        "440 ms after the shaft was held and 18h (stop without ramp), 20h (position) read 7"
-        " increments; expected -4 to -2 increments."
+        "440 ms after 13h (go to position -500), the shaft was held and 18h (stop without ramp),"
+        " 20h (position) read 7 increments; expected -4 to -2 increments."
     )
 
 
@@ -113,6 +114,7 @@ def test_by_hand_sends_all_that_changed_something_and_says_where_that_is_not_eno
     assert telling(rig, in_words, ("1",), "2")[2:] == (
         (),
         "not without the rig, which worked the device meanwhile",
+        (),
     )
     many = [host(n, 0x13, n) for n in range(30)]
     assert telling(many, in_words, ("1",), "2").no_hand.startswith("not in a few requests: 29 ")
@@ -198,3 +200,76 @@ def test_every_source_is_told_in_words(name: str) -> None:
         assert not {"S", "C", "FAM", "DTP", "GEN", "EX"}.intersection(one.where.split(", "))
         assert "DTS-" not in one.where
         assert "PDS-" not in one.where
+
+
+def test_what_a_start_begins_is_shown_beside_it() -> None:
+    """The command that makes a motion wait, and the motion; not what is over."""
+    waits = [host(0, 0x10), host(1, 0x13, 60), host(2, 0x11), host(3, 0x20)]
+    told = telling(waits, in_words, ("4..6",), "0")
+    assert told.sentence.startswith(
+        "1 ms after 10h (wait for synchro), 13h (go to position 60) and 11h (synchro), 20h"
+    )
+    assert told.decisive == (0, 1, 2, 3)
+    over = [*waits[:3], host(4, 0x18), host(5, 0x13, 0), host(6, 0x20)]
+    assert telling(over, in_words, ("4..6",), "0").decisive == (4, 5)
+
+
+def test_of_a_short_sequence_every_operation_is_shown_and_sent_again() -> None:
+    """It has been shrunk to those that it takes, twice the same one included."""
+    msc = find_family("msc-250").in_words
+    sets, asks = (
+        msc_codec.packet(1, msc_codec.sflag(184)),
+        msc_codec.packet(1, msc_codec.rflag(184)),
+    )
+    sent = [Record(n, Direction.HOST, data) for n, data in enumerate((sets, sets, asks), 1)]
+    told = telling([mark("operations begin here: 2"), *sent], msc, ("on",), "off")
+    assert told.sentence == "After SFLAG 184 and SFLAG 184, RFLAG 184: off; expected on."
+    assert told.decisive == told.by_hand == (1, 2, 3)
+    long = [Record(n, Direction.HOST, data) for n, data in enumerate([*[sets] * 9, asks])]
+    told = telling([mark("operations begin here: 9"), *long], msc, ("on",), "off")
+    assert told.decisive == (9, 10)
+
+
+def test_the_state_before_the_first_request_is_told() -> None:
+    """As the device showed it before anything changed it."""
+    digits = "06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 32 35 31 37 03 1A"
+    place, moved = (Record(n * MS, Direction.DEVICE, bytes.fromhex(digits)) for n in (1, 7))
+    records = [host(0, 0x20), place, host(2, 0x0F, 1), host(4, 0x13, 80), host(6, 0x20), moved]
+    told = telling([*records, host(8, 0x18)], in_words, ("acceptance",), "nothing")
+    assert told.found == ("20h (position) showed 37 increments",)
+
+
+def test_what_a_stop_has_not_changed_was_so_before_it() -> None:
+    """An exchange that is quoted ends with the first look, not with the last."""
+    digits = "06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 32 35 31 37 03 1A"
+    answers = [Record(n * MS, Direction.DEVICE, bytes.fromhex(digits)) for n in range(9)]
+    moves = [host(0, 0x09, 36), host(1, 0x13, 99)]
+    looks = [host(2, 0x20), answers[3], host(4, 0x18), host(5, 0x20), answers[6], host(7, 0x03)]
+    assert shown_exchange([*moves, *looks], in_words, ("09h",)) == (*moves, *looks[:2])
+    asked_twice = [host(0, 0x20), answers[1], host(2, 0x1F), host(3, 0x20), answers[4]]
+    assert shown_exchange(asked_twice, in_words) == tuple(asked_twice[2:])
+    assert shown_exchange([], in_words) == ()
+
+
+def test_a_bare_byte_has_the_name_that_the_expected_one_has() -> None:
+    """Both in one notation; a number without a name stays as it is."""
+    told = sentence([host(0, 0x21)], in_words, ("dd 01",), "00", glossary={"dd": "fault byte"})
+    assert told == "21h (status): fault byte 00; expected fault byte 01."
+    told = sentence([host(0, 0x21)], in_words, ("dd 01",), "000", glossary={"dd": "fault byte"})
+    assert told == "21h (status): 000; expected fault byte 01."
+
+
+def test_an_earlier_exchange_stands_before_that_of_the_check() -> None:
+    """Under its note, with the rule that was applied; what is sent by hand is the check's alone."""
+    before = (mark("earlier in this run, the device refused it:"), host(0, 0x0F, 5))
+    records = [mark("check this"), host(900, 0x0F, 6), host(901, 0x20)]
+    seen = Observation("{request} was odd", rule="The same.", earlier=before, causes=("0Fh",))
+    told = telling(records, in_words, ("the same",), seen)
+    found = told.finding("MACS-LINE-01", ("the same",), seen, "", records, 60)
+    texts = [record.text for record in found.transcript if record.text]
+    assert texts == [before[0].text, "in this check:", "check this"]
+    assert [found.transcript[n].data for n in found.decisive if found.transcript[n].data] == [
+        before[1].data, records[1].data, records[2].data,
+    ]  # fmt: skip
+    assert [found.transcript[n] for n in found.by_hand] == records[1:]
+    assert found.rule == "The same."

@@ -91,9 +91,9 @@ VOWELS = frozenset("aeiou")
 SPOKEN_WITH_A_VOWEL = frozenset("aefhilmnorsx")  # letters whose names begin with one
 
 
-def counted(count: int, word: str) -> str:
+def counted(count: int | str, word: str) -> str:
     """``1 check``, ``2 checks``."""
-    return f"{count} {word}{'s'[: count != 1]}"
+    return f"{count} {word}{'s'[: str(count) != '1']}"
 
 
 def with_article(model: object) -> str:

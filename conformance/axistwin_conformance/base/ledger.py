@@ -123,6 +123,18 @@ class Ambiguity:
             return words[-1].replace(ANY_READING, reading)
         return f"behaved as {switch}={reading}"
 
+    def either(self, switch: str) -> str:
+        """What devices of all readings do: ``refused it, ignored it or answered 0``."""
+        *others, last = (self.in_words(switch, one) for one in self.switches[switch])
+        return f"{', '.join(others)} or {last}" if others else last
+
+    def rule(self, switch: str) -> str:
+        """What is asked of a device, since the manual leaves open what it does."""
+        return (
+            f"The manual leaves this open ({self.id}: {self.question.rstrip('.')}). Admissible is"
+            f" that the device {self.either(switch)}, each time the same."
+        ).replace(ANY_READING, "N")
+
     def default_of(self, switch: str) -> str:
         """Return the reading that is taken unless a device shows another."""
         return self.switches[switch][0]

@@ -18,17 +18,23 @@ from typing import Any, NoReturn, Protocol, cast
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import AttemptVoid, TargetError
 from axistwin_conformance.base.events import Listener, MotionSampled
-from axistwin_conformance.base.ledger import Ambiguity, Ledger
+from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.line_quality import LineQuality, SilenceLimit
 from axistwin_conformance.base.recording import Recording
-from axistwin_conformance.base.transcript import Record
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.settings import Envelope as Envelope
-from axistwin_conformance.core.wording import REQUEST, Exchange, Observation, telling
+from axistwin_conformance.core.wording import (
+    REQUEST,
+    Exchange,
+    Observation,
+    shown_exchange,
+    telling,
+)
 from axistwin_conformance.transport.kinds import TransportKind
 from axistwin_conformance.transport.rig import Rig
 from axistwin_conformance.transport.serial import SerialTransport
@@ -139,6 +145,8 @@ class Run:
     cleanups: list[Cleanup] = field(default_factory=list)  # the last one is to be given back first
     readings: Readings = field(default_factory=Readings)
     detections: dict[str, Detection] = field(default_factory=dict)  # what the probes found out
+    # Switch → the end of the transcript when its reading was seen.
+    shown: dict[str, tuple[Record, ...]] = field(default_factory=dict)
     budget: WriteBudget = field(default_factory=WriteBudget)
     quality: LineQuality = field(default_factory=LineQuality)
     silence_limit: SilenceLimit = field(default_factory=SilenceLimit)
@@ -453,15 +461,17 @@ class Session:
             " or ".join(ambiguity.in_words(name, one) for one in readings)
             for readings in (seen, held)
         )
-        wanted = f"that it {before}"
-        clause = f"{shown.clause}: the device {came}"
-        if self.run.ledger.asks(name):
-            clause += f", but earlier in this run it {before}"
-            wanted = (
-                "the same each time (the manual does not cover this;"
-                f" {ambiguity.id}: {_open_question(ambiguity)})"
-            )
-        return replace(shown, clause=clause, value=f"{name}={' or '.join(seen)}", wanted=wanted)
+        value, clause = f"{name}={' or '.join(seen)}", f"{shown.clause}: the device {came}"
+        if not self.run.ledger.asks(name):
+            return replace(shown, clause=clause, value=value, wanted=f"that it {before}")
+        return replace(
+            shown,
+            clause=f"{clause}, but earlier in this run it {before}",
+            value=value,
+            wanted="the same each time",
+            rule=ambiguity.rule(name),
+            earlier=earlier(self, name),
+        )
 
     def no_reading(
         self,
@@ -473,11 +483,9 @@ class Session:
     ) -> NoReturn:
         """Judge that no reading of ambiguity switch `name` explains what came."""
         ambiguity, known = self.run.ledger.ambiguity_of(name), tuple(readings)
-        *others, last = (ambiguity.in_words(name, one) for one in known)
-        either = f"{', '.join(others)} or {last}" if others else last
-        wanted = f"that the device {either} (the manual does not cover this; {ambiguity.id})"
         clause = shown.clause if shown is not SHOWN else f"{shown.clause}: {came}"
-        seen = replace(shown, clause=clause, value=came, wanted=wanted)
+        wanted = f"that the device {ambiguity.either(name)}"
+        seen = replace(shown, clause=clause, value=came, wanted=wanted, rule=ambiguity.rule(name))
         self.fail(requirement, [f"{name}={reading}" for reading in known], seen)
 
     def _held(self, switch: str, seen: tuple[str, ...]) -> tuple[str, ...]:
@@ -492,6 +500,7 @@ class Session:
         fitting = tuple(one for one in left if one in seen) if left else seen
         if len(fitting) == 1:
             self.run.readings[switch] = fitting[0]
+            self.run.shown[switch] = self.records(EXCERPT_RECORDS)
         return fitting or left
 
     def inconclusive(self, requirement: Requirements, text: str) -> NoReturn:
@@ -574,18 +583,16 @@ def failure(
     it the lines that matter."""
     records, family = session.records(), session.run.family
     told = telling(records, family.in_words, expected, actual, text, family.glossary)
-    kept = sorted(
-        {*range(max(0, len(records) - EXCERPT_RECORDS), len(records))}
-        | {*told.decisive, *told.by_hand}
-    )
-    place = {number: at for at, number in enumerate(kept)}
-    return Finding(
-        requirement, Verdict.FAIL, text, tuple(expected), str(actual),
-        tuple(records[number] for number in kept), told.sentence,
-        tuple(place[number] for number in told.decisive),
-        tuple(place[number] for number in told.by_hand), told.no_hand,
-    )  # fmt: skip
+    return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS)
 
 
-def _open_question(ambiguity: Ambiguity) -> str:
-    return ambiguity.question.rstrip(".")
+def earlier(session: Session, switch: str, *causes: str) -> tuple[Record, ...]:
+    """The exchange by which the device has shown its reading of a switch, under a note that says
+    so; `causes`: see `Observation`.  Nothing if that is not known here."""
+    run, reading = session.run, session.run.readings.get(switch)
+    records = shown_exchange(run.shown.get(switch, ()), run.family.in_words, causes)
+    if not records or reading is None:  # several readings explain it
+        return ()
+    did = run.ledger.ambiguity_of(switch).in_words(switch, reading)
+    note = f"earlier in this run, the device {did}:"
+    return (Record(records[0].time_ns, Direction.NOTE, text=note), *records)

@@ -13,10 +13,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from axistwin_conformance.base.errors import counted
 from axistwin_conformance.base.transcript import Direction, Record
+from axistwin_conformance.base.verdicts import Finding, Verdict
 
 LONGEST_REMARK: Final = 240  # characters: a remark that is a story of its own stands below
 LONGEST_VALUE: Final = 160  # characters of one thing expected, or seen
@@ -27,9 +30,12 @@ WAITED: Final = "{waited}"  # and how long was waited for a reply in vain
 WAITED_MS: Final = re.compile(r"[0-9.]+ ms")
 BARE_NUMBER: Final = re.compile(r"-?[0-9]+( (to|or) -?[0-9]+)*")
 LIST: Final = re.compile(r"\[([^\[\]]*,[^\[\]]*)\]")
+BYTE: Final = re.compile(r"[0-9A-F]{2}")
 PLACE: Final = re.compile(rf"^({BARE_NUMBER.pattern})$|\bposition\b|\brest\b|\bstill -?[0-9]")
 RANGE: Final = re.compile(r"(-?[0-9]+(?:\.[0-9]+)?)\.\.(-?[0-9]+(?:\.[0-9]+)?)")
-BEGINS: Final = ("check ", "detecting ", "operations begin here")  # marks: nothing before matters
+SEQUENCE: Final = "operations begin here"
+BEGINS: Final = ("check ", "detecting ", SEQUENCE)  # marks: nothing before matters
+SHORT_SEQUENCE: Final = 5  # operations that are all told: they have been shrunk to those it takes
 RIG: Final = "rig: "
 ACTS: Final = (RIG, "our end of the line ")  # marks of what was done beside sending
 POWER_OFF: Final = "the power was switched off"
@@ -41,23 +47,39 @@ SETS: Final = re.compile(r" ?[(=]")  # what stands behind the name of a setting
 MOST_BY_HAND: Final = 12  # requests; more, nobody pastes
 
 
+class Effect(Enum):
+    """What a request does to a device."""
+
+    NOTHING = auto()  # it asks
+    VALUE = auto()  # it stores a value and starts nothing
+    HOLD = auto()  # the motion that follows waits
+    START = auto()  # what waits begins
+    MOTION = auto()  # the axis moves from then on, so that it matters how long ago it was
+    STOP = auto()
+    OTHER = auto()
+
+
+MOVING: Final = (Effect.MOTION, Effect.START, Effect.STOP)
+
+
 class Exchange(NamedTuple):
     """One request, and the reply to it if it was answered.
 
-    `request`: in a few words; empty: not worth any (a receipt).  `is_query`: it changes nothing.
-    `quantity`: what a bare number in its answer is.  `answer`: what the fields of the answer say,
-    empty where that is a number alone.  `is_setting`: it stores a value and starts nothing.
-    `is_motion`: the axis moves from then on, so that it matters how long ago it was.
-    `is_altered`: not as a host sends it that means well (a reply refused).
+    `request`: in a few words; empty: not worth any (a receipt).  `effect`: on the device.
+    `quantity`: what a bare number in its answer is.  `answer`: what the answer says, by its fields
+    if it has any.  `is_altered`: not as a host sends it that means well (a reply refused).
     """
 
     request: str
-    is_query: bool = False
+    effect: Effect = Effect.OTHER
     quantity: str = ""
     answer: str = ""
-    is_setting: bool = False
-    is_motion: bool = False
     is_altered: bool = False
+
+    @property
+    def is_query(self) -> bool:
+        """True if it changes nothing."""
+        return self.effect is Effect.NOTHING
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +90,9 @@ class Observation:
     expected there; empty: the clause.  `wanted`: what is expected, in this sentence; empty: as the
     report has it.  `request`: the one that is judged; none: what was sent last.  `causes`: words of
     those requests before it that led there, to be shown beside it.  `is_whole`: the clause names
-    the condition that matters; otherwise what led there is put before it.
+    the condition that matters; otherwise what led there is put before it.  `rule`: the one that is
+    applied, where it is not what the requirement says.  `earlier`: an exchange before this check
+    that the device is held to, under a note that says what it showed.
     """
 
     clause: str
@@ -77,6 +101,8 @@ class Observation:
     request: bytes = b""
     causes: tuple[str, ...] = ()
     is_whole: bool = True
+    rule: str = ""
+    earlier: tuple[Record, ...] = ()
 
     def __str__(self) -> str:
         return self.value or self.clause.replace(REQUEST, "the request").replace(WAITED, "")
@@ -86,13 +112,40 @@ class Telling(NamedTuple):
     """A failure in words: the sentence, and which of the records (by number) decided.
 
     `by_hand`: those that were sent, and have to be sent again to see it again; none: `no_hand` says
-    why that is not enough.
+    why that is not enough.  `found`: what the device told of its state before the first of them.
     """
 
     sentence: str
     decisive: tuple[int, ...]
     by_hand: tuple[int, ...] = ()
     no_hand: str = ""
+    found: tuple[str, ...] = ()
+
+    def finding(
+        self,
+        requirement: str,
+        expected: Sequence[str],
+        actual: object,
+        text: str,
+        records: Sequence[Record],
+        most: int,
+    ) -> Finding:
+        """The failure with the end of the transcript, of what was before that the records that
+        matter, and the exchange that the device is held to."""
+        end = range(max(0, len(records) - most), len(records))
+        kept = sorted({*end, *self.decisive, *self.by_hand})
+        seen = actual if isinstance(actual, Observation) else Observation("")
+        before = seen.earlier
+        if before and kept:
+            time_ns = records[kept[0]].time_ns
+            before = (*before, Record(time_ns, Direction.NOTE, text="in this check:"))
+        place = {number: at for at, number in enumerate(kept, len(before))}
+        return Finding(
+            requirement, Verdict.FAIL, text, tuple(expected), str(actual),
+            (*before, *(records[number] for number in kept)), self.sentence,
+            (*range(len(before)), *(place[number] for number in self.decisive)),
+            tuple(place[number] for number in self.by_hand), self.no_hand, self.found, seen.rule,
+        )  # fmt: skip
 
 
 class _Act(NamedTuple):
@@ -131,7 +184,10 @@ def telling(
         judged = next((act for act in reversed(acts) if act.data == seen.request), judged)
     wanted = _plain(seen.wanted) if seen and seen.wanted else ""
     wanted = wanted or _spelt(_plain(_either(expected)), glossary)
-    causes = [] if judged is None else _causes(acts[: acts.index(judged)], judged)
+    begins = [one.text for one in records if one.text.startswith(BEGINS)]
+    is_sequence = bool(begins) and begins[-1].startswith(SEQUENCE)
+    before = acts[: acts.index(judged)] if judged else []
+    causes = _causes(before, judged, is_sequence=is_sequence) if judged else []
     if seen is not None:
         clause = _clause(seen.clause, judged, records)
         if seen.is_whole:
@@ -139,7 +195,8 @@ def telling(
             rigs = [act for act in causes if act.is_rig]
             causes = [*rigs, *(act for act in named if act is not None)]
     else:
-        value = _spelt(_plain(_short(str(actual).strip() or "nothing")), glossary)
+        value = _as_expected(_plain(_short(str(actual).strip() or "nothing")), expected, glossary)
+        value = _spelt(value, glossary)
         clause, wanted = _generic(judged, value, wanted, records)
     if causes and not (seen and seen.is_whole):
         assert judged is not None
@@ -147,7 +204,30 @@ def telling(
     rest = f" ({_plain(remark)})" if 0 < len(remark) <= LONGEST_REMARK else ""
     text = f"{clause}; expected {wanted}{rest}." if wanted else f"{clause}{rest}."
     decisive = _decisive(causes, judged, records)
-    return Telling(text[0].upper() + text[1:], decisive, *_by_hand(acts, judged, records))
+    by_hand, no_hand = _by_hand(acts, judged, causes)
+    found = _found(acts, by_hand) if by_hand[1:] else ()
+    return Telling(text[0].upper() + text[1:], decisive, by_hand, no_hand, found)
+
+
+def shown_exchange(
+    records: Sequence[Record], describe: Describe, causes: Sequence[str] = ()
+) -> tuple[Record, ...]:
+    """The last question of these records with its answer, and what led there, which `causes` name:
+    an observation without a judgement."""
+    acts = _acts(records, describe)
+    asked = [act for act in acts if act.exchange.is_query] or acts
+    if not asked:
+        return ()
+    shown = asked[-1]
+    for act in reversed(acts[: acts.index(shown)]):  # it stood there before it was told to stop
+        is_same = (act.data, act.exchange) == (shown.data, shown.exchange)
+        if not is_same and act.exchange.effect is not Effect.STOP:
+            break
+        shown = act if is_same else shown
+    before = acts[: acts.index(shown)]
+    named = [_latest(before, words) for words in causes]
+    led = [*_causes(before, shown), *(act for act in named if act is not None)]
+    return tuple(records[number] for number in _decisive(led, shown, records))
 
 
 def _clause(clause: str, judged: _Act | None, records: Sequence[Record]) -> str:
@@ -169,7 +249,7 @@ def _generic(
         return f"seen: {value}", wanted
     exchange = judged.exchange
     if "increments" in wanted and BARE_NUMBER.fullmatch(value):
-        value += " increments"
+        value = counted(value, "increment")
     elif exchange.quantity and PLACE.search(wanted):
         value, wanted = (_in_increments(text) for text in (value, wanted))
     if exchange.answer and exchange.answer not in value and _is_answered_last(records):
@@ -180,7 +260,7 @@ def _generic(
 
 def _in_increments(text: str) -> str:
     text = text.removeprefix("position ")
-    return f"{text} increments" if BARE_NUMBER.fullmatch(text) else text
+    return counted(text, "increment") if BARE_NUMBER.fullmatch(text) else text
 
 
 def _condition(causes: Sequence[_Act], judged: _Act) -> str:
@@ -190,13 +270,14 @@ def _condition(causes: Sequence[_Act], judged: _Act) -> str:
         is_cycle = _is_cycle(causes[number - 1 : number + 1]) if number else False
         words[-is_cycle or len(words) :] = [POWER_CYCLE if is_cycle else act.words]
     waited_ns = judged.time_ns - causes[-1].time_ns
-    is_under_way = causes[-1].exchange.is_motion and judged.exchange.is_query
+    is_under_way = causes[-1].exchange.effect in MOVING and judged.exchange.is_query
     is_worth = waited_ns > AT_ONCE_NS or is_under_way
     after = f"{waited_ns / 1e6:.0f} ms after" if is_worth else "after"
-    return f"{after} {' and '.join(words)}"
+    *others, last = words
+    return f"{after} {', '.join(others)}{' and ' if others else ''}{last}"
 
 
-def _causes(before: Sequence[_Act], judged: _Act) -> list[_Act]:
+def _causes(before: Sequence[_Act], judged: _Act, *, is_sequence: bool = False) -> list[_Act]:
     """What is likely to have led to a reply: what was done to the rig, and the last command; what
     only stored a value matters to a query."""
     rigs = [act for act in before if act.is_rig]
@@ -208,12 +289,25 @@ def _causes(before: Sequence[_Act], judged: _Act) -> list[_Act]:
         if not act.is_rig
         and not act.exchange.is_query
         and act.words != judged.words
-        and (judged.exchange.is_query or not act.exchange.is_setting)
+        and (judged.exchange.is_query or act.exchange.effect is not Effect.VALUE)
     ]
     if judged.is_rig:
         return rigs[-1:]
-    chosen = dict.fromkeys([*worked, *changes[-1:]])
+    if is_sequence and len(changes) <= SHORT_SEQUENCE:
+        return [act for act in before if act in worked or act in changes]
+    moved = [act for act in changes if act.exchange.effect in (Effect.MOTION, Effect.START)]
+    moved = moved[-1:] if judged.exchange.quantity else []
+    chosen = dict.fromkeys([*worked, *changes[-1:], *moved, *_waiting(changes)])
     return sorted(chosen, key=lambda act: act.first)
+
+
+def _waiting(changes: Sequence[_Act]) -> Sequence[_Act]:
+    """The last command that makes a motion wait, and that motion, unless they are over."""
+    held = [n for n, act in enumerate(changes) if act.exchange.effect is Effect.HOLD][-1:]
+    since = changes[held[0] :] if held else ()
+    if any(act.exchange.effect in (Effect.START, Effect.STOP) for act in since[:-1]):
+        return ()
+    return [act for act in since if act.exchange.effect is not Effect.VALUE][:2]
 
 
 def _is_cycle(acts: Sequence[_Act]) -> bool:
@@ -231,7 +325,7 @@ def _decisive(
 
 
 def _by_hand(
-    acts: Sequence[_Act], judged: _Act | None, records: Sequence[Record]
+    acts: Sequence[_Act], judged: _Act | None, causes: Iterable[_Act]
 ) -> tuple[tuple[int, ...], str]:
     """What to send again, all that has changed something since the state was known; or why that
     does not do."""
@@ -245,12 +339,28 @@ def _by_hand(
     latest: dict[str, _Act] = {}
     for act in before:
         if not act.exchange.is_query:
-            key = SETS.split(act.words)[0] if act.exchange.is_setting else str(act.first)
+            is_value = act.exchange.effect is Effect.VALUE
+            key = SETS.split(act.words)[0] if is_value else str(act.first)
             latest.pop(key, None)
             latest[key] = act
     if len(latest) >= MOST_BY_HAND:
         return (), f"not in a few requests: {len(latest)} before the last one change the device"
-    return (*(act.first for act in latest.values()), judged.first), ""
+    sent = {act.first for act in (*latest.values(), *causes)}
+    return (*sorted(sent), judged.first), ""
+
+
+def _found(acts: Sequence[_Act], by_hand: Sequence[int]) -> tuple[str, ...]:
+    """What was asked before anything changed it: where the axis stood, which values were set."""
+    told: dict[str, str] = {}
+    is_set = False
+    for act in acts:
+        exchange = act.exchange
+        if act.first == by_hand[-1] or exchange.effect in (Effect.MOTION, Effect.START):
+            break
+        is_set |= exchange.effect is Effect.VALUE
+        if exchange.is_query and exchange.answer and not (is_set and not exchange.quantity):
+            told.setdefault(act.words, f"{act.words} showed {exchange.answer}")
+    return tuple(told.values())
 
 
 def _latest(acts: Sequence[_Act], words: str) -> _Act | None:
@@ -271,6 +381,13 @@ def _either(expected: Sequence[str]) -> str:
 def _short(text: str) -> str:
     """The beginning of what is longer than a sentence; the report has all of it."""
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE].rpartition(' ')[0]} …"
+
+
+def _as_expected(value: str, expected: Sequence[str], glossary: Mapping[str, str]) -> str:
+    """A bare byte with the name that it has where it is expected: ``dd 00``, as in ``dd 01``."""
+    is_byte = BYTE.fullmatch(value)
+    named = (name for name in glossary if is_byte and expected[0].startswith(f"{name} "))
+    return f"{next(named, '')} {value}".strip()
 
 
 def _spelt(text: str, glossary: Mapping[str, str]) -> str:

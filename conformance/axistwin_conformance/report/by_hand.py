@@ -3,14 +3,13 @@
 import re
 import shlex
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, Final
 
 from axistwin_conformance.base.events import RunStarted
 from axistwin_conformance.base.transcript import Direction
 
-WORTH_A_WAIT_NS: Final = 40_000_000  # less passes between two requests anyway
-
-FROM_STATE: Final = "(on a device in the state in which the check found it)"
+WORTH_A_WAIT_NS: Final = 10_000_000  # less passes between two requests anyway
 LONG_NS: Final = 1_000_000_000  # no reply takes longer
 
 _BUILT_IN = re.compile(r"built-in twin \((.*)\)")
@@ -29,15 +28,21 @@ def again(records: Sequence[Mapping[str, Any]], numbers: Sequence[int]) -> list[
     """Those requests of a transcript, with waits between them as long as they were there."""
     steps: list[str] = []
     free_ns = records[numbers[0]]["time_ns"] if numbers else 0
-    for number in numbers:
+    for before, number in pairwise((numbers[0] - 1, *numbers) if numbers else ()):
         wait_ns = records[number]["time_ns"] - free_ns
-        if wait_ns > WORTH_A_WAIT_NS:
+        left_out = [n for n in range(before + 1, number) if _is_request(records[n])]
+        busy_ns = sum(_answered_ns(records, n) - records[n]["time_ns"] for n in left_out)
+        if wait_ns - busy_ns > WORTH_A_WAIT_NS:
             steps.append(f"wait {wait_ns / 1e6:.0f} ms")
         steps.append(records[number]["data"])
         free_ns = _answered_ns(records, number)
     if numbers and (rest_ns := free_ns - records[numbers[-1]]["time_ns"]) > LONG_NS:
         steps.append(f"wait {rest_ns / 1e6:.0f} ms")  # a message that was not asked for
     return steps
+
+
+def _is_request(record: Mapping[str, Any]) -> bool:
+    return record["direction"] == Direction.HOST.value and " " in record["data"].replace("#", " ")
 
 
 def _answered_ns(records: Sequence[Mapping[str, Any]], number: int) -> int:

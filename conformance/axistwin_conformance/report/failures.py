@@ -6,18 +6,25 @@ said once, and below it what the manual asks.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
+
+from axistwin_conformance.base.ledger import ELSEWHERE
 
 NO_MANUAL: Final = "none"  # begins the source of what no manual asks
 GROUNDS: Final = {
-    "derived": "derived",
-    "interpretation": "the suite's interpretation",
+    "derived": "concluded from what is said there",
+    "interpretation": "the suite's interpretation of it",
 }
+TAKEN_OVER: Final = "taken to hold for it as well"
 OWN_RULE: Final = "a rule of the suite; the manual does not cover it"
 TIMES: Final = "time in ms: host lines when sending began, device lines at the last byte"
 SHOWN: Final = ("fail", "inconclusive")
+NUMBER: Final = re.compile(r"-?\b[0-9][0-9A-F.]*\b(?!h)")  # not the number of a command
+ALSO: Final = "also fails, likely by the same cause"
+LAST_PROBLEMS: Final = 3  # of a run that are told at once: the state it ended in
 DECISIVE_RECORDS: Final = 3  # of a transcript: they led to the verdict
 
 
@@ -26,7 +33,7 @@ class Statement:
     """One thing that was seen: in a sentence, and what there is to add to it.
 
     `requirements`: what it breaks, or leaves open, the one that decides first.  `transcript`: the
-    exchange that led there; `decisive`, `by_hand`, `no_hand`: see `Finding`.
+    exchange that led there; the others but `requirements`: see `Finding`.
     """
 
     verdict: str
@@ -36,6 +43,8 @@ class Statement:
     decisive: Sequence[int] = ()
     by_hand: Sequence[int] = ()
     no_hand: str = ""
+    found: Sequence[str] = ()
+    rule: str = ""
     requirements: list[str] = field(default_factory=list)
 
     @property
@@ -44,6 +53,67 @@ class Statement:
         if self.decisive:
             return list(self.decisive)
         return list(range(len(self.transcript) - last_lines(self.transcript), len(self.transcript)))
+
+    @property
+    def exchange(self) -> tuple[tuple[str, str], ...]:
+        """What was said in the records that led to the verdict."""
+        records = (self.transcript[number] for number in self.shown)
+        return tuple((one["direction"], one["data"]) for one in records if one["data"])
+
+    def required(self, known: Mapping[str, Mapping[str, Any]]) -> list[Required]:
+        """What is asked of the device; `known`: requirements as they were judged, by their id."""
+        rules = [self.rule, *[""] * len(self.requirements)]
+        return [
+            Required(name, rule or known[name]["text"], "" if rule else place(known[name]))
+            for name, rule in zip(self.requirements, rules, strict=False)
+        ]
+
+
+class Required(NamedTuple):
+    """One thing that is asked of the device, in words, and where; empty: the words say it."""
+
+    id: str
+    text: str
+    where: str
+
+    def __str__(self) -> str:
+        return f"{self.id}: {self.text}{f' ({self.where})' if self.where else ''}"
+
+
+class Failed(NamedTuple):
+    """A check that failed, and what it found; `also`: the checks that fail by the same cause, as
+    far as can be seen."""
+
+    check: Mapping[str, Any]
+    found: Sequence[Statement]
+    also: list[Failed]
+
+    @property
+    def requirements(self) -> list[str]:
+        """What it fails, each once."""
+        return list(dict.fromkeys(name for one in self.found for name in one.requirements))
+
+    @property
+    def traits(self) -> set[object]:
+        """What failures of one cause have in common: the exchange, the requirement that decides, or
+        the sentence but for its numbers."""
+        first = self.found[0]
+        traits = {first.exchange, first.requirements[0], NUMBER.sub("", first.sentence)} - {()}
+        return {(first.verdict, trait) for trait in traits}
+
+
+def failed(checks: Iterable[Mapping[str, Any]]) -> list[Failed]:
+    """The checks that failed or settled nothing, in order, each with those behind it that have one
+    of its traits."""
+    groups: list[Failed] = []
+    for check in checks:
+        found = [one for one in statements(check) if one.verdict == check["verdict"]]
+        if not found:
+            continue
+        new = Failed(check, found, [])
+        alike = next((group for group in groups if group.traits & new.traits), None)
+        (groups if alike is None else alike.also).append(new)
+    return groups
 
 
 def statements(check: Mapping[str, Any]) -> list[Statement]:
@@ -59,21 +129,11 @@ def statements(check: Mapping[str, Any]) -> list[Statement]:
         remark = "" if said in sentence or said == "beside the checks" else said
         new = Statement(
             verdict, sentence, remark, finding["transcript"], finding.get("decisive", ()),
-            finding.get("by_hand", ()), finding.get("no_hand", ""),
+            finding.get("by_hand", ()), finding.get("no_hand", ""), finding.get("found", ()),
+            finding.get("rule", ""),
         )  # fmt: skip
         found.setdefault((verdict, sentence), new).requirements.append(finding["requirement"])
     return sorted(found.values(), key=lambda one: SHOWN.index(one.verdict))
-
-
-def manual(requirements: Iterable[Mapping[str, Any]]) -> list[str]:
-    """What the manual asks, and where, of requirements as they were judged."""
-    return [f"{one['id']}: {one['text']}{source(one)}" for one in requirements]
-
-
-def source(requirement: Mapping[str, Any]) -> str:
-    """Where the manual asks for it, to be put behind what it asks; or that no manual does."""
-    where = place(requirement)
-    return f" ({where})" if where else ""
 
 
 def place(requirement: Mapping[str, Any]) -> str:
@@ -81,7 +141,7 @@ def place(requirement: Mapping[str, Any]) -> str:
     where: str = requirement["where"] or requirement["source"]
     if where.startswith(NO_MANUAL):
         return OWN_RULE
-    ground = GROUNDS.get(requirement["kind"], "")
+    ground = GROUNDS.get(requirement["kind"], TAKEN_OVER if where.endswith(ELSEWHERE) else "")
     return f"{where}; {ground}" if where and ground else where
 
 

@@ -20,8 +20,17 @@ import jinja2
 
 from axistwin_conformance.base.errors import counted
 from axistwin_conformance.base.recording import FOLDER
-from axistwin_conformance.engine.judgement import CONFORMS
-from axistwin_conformance.report.failures import SHOWN, TIMES, Statement, place, statements
+from axistwin_conformance.engine.judgement import CONFORMS, ELSEWHERE
+from axistwin_conformance.report.failures import (
+    ALSO,
+    LAST_PROBLEMS,
+    SHOWN,
+    TIMES,
+    Failed,
+    Required,
+    Statement,
+    failed,
+)
 from axistwin_conformance.report.json import Report
 from axistwin_conformance.report.plot import is_inside, plot
 
@@ -35,6 +44,7 @@ SIGNS = {
     "not run": "–",
 }
 NOT_COVERED, NOT_ON_WIRE, NOT_ARMED = "not covered", "not on the wire", "not armed"
+ON_THE_LINE = "of the serial line"
 
 PROFILE = "profile"  # the anchor of its article
 
@@ -63,14 +73,14 @@ class TranscriptRow:
 
 @dataclass(frozen=True, slots=True)
 class Exhibit:
-    """One thing that a check saw: in words, what the manual asks, and the exchange.
+    """One thing that a check saw: in words, what is asked, and the exchange.
 
     `rows`: those that decided; `others`: the rest; `cut`: how many of these are in
     the report's other files only.
     """
 
     statement: Statement
-    asked: Sequence[Mapping[str, Any]]
+    required: Sequence[Required]
     rows: Sequence[TranscriptRow] = ()
     others: Sequence[TranscriptRow] = ()
     cut: int = 0
@@ -81,7 +91,7 @@ class CheckArticle:
     """One check that failed, or settled nothing.
 
     `motion`: the one that failed.  `operations`: the file beside the page that plays the failure
-    again, if there is one.
+    again, if there is one.  `also`: the checks that fail by the same cause, as far as can be seen.
     """
 
     anchor: str
@@ -90,6 +100,7 @@ class CheckArticle:
     seen: Sequence[Exhibit]
     motion: Mapping[str, Any] | None = None
     operations: str = ""
+    also: Sequence[CheckArticle] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +124,15 @@ def render(report: Report) -> str:
     profile = _profile_article(report)
     shown = [*profile, *articles]
     counts = Counter(one.judged["verdict"] for one in shown)
+    failures = [one for one in checks if one.slug == "fail"]
     armed = [article for article in articles if article.judged["armed"]]
     page = _template().render(
         report=report,
         run=report["run"],
         device=report["device"],
         finished=report["finished"],
+        problems=report["finished"]["problems"][-LAST_PROBLEMS:],
+        earlier_problems=report["finished"]["problems"][:-LAST_PROBLEMS],
         headline=HEADLINES[report["finished"]["exit_status"]],
         is_good=report["finished"]["exit_status"] == CONFORMS,
         signs=SIGNS,
@@ -126,7 +140,8 @@ def render(report: Report) -> str:
         articles=articles,
         shown=shown,
         profile=profile,
-        failures=[one for one in checks if one.slug == "fail"],
+        failures=failures,
+        failed_checks=sum(1 + len(one.also) for one in failures),
         open_ends=[one for one in checks if one.slug == "inconclusive"],
         covered=sum(bool(article.judged["checks"]) for article in articles),
         armed=None if any(article.judged["armed"] is None for article in articles) else len(armed),
@@ -158,8 +173,7 @@ def _template() -> jinja2.Template:
         slug=slug, plot=plot, duration=duration, thousands=thousands, rate=rate
     )
     environment.tests["inside"] = is_inside
-    environment.filters["place"] = place
-    environment.globals["times"] = TIMES
+    environment.globals.update(times=TIMES, also=ALSO)
     return environment.get_template("report.html.j2")
 
 
@@ -192,38 +206,37 @@ def duration(seconds: float) -> str:
 
 
 def _check_articles(report: Report) -> list[CheckArticle]:
-    """An article for each check that failed or settled nothing, in the order of the run."""
-    requirements = {one["id"]: one for one in report["requirements"]}
-    articles: list[CheckArticle] = []
+    """An article for each check that failed or settled nothing, in the order of the run, with those
+    of the same cause in the first one's."""
+    known = {one["id"]: one for one in report["requirements"]}
     names: Counter[str] = Counter()
-    for check in report["checks"]:
-        found = [one for one in statements(check) if one.verdict == check["verdict"]]
-        if not found:
-            continue
+    count = 0
+
+    def article(one: Failed) -> CheckArticle:
+        nonlocal count
+        check, verdict = one.check, one.found[0].verdict
         names[check["name"]] += 1
         number = names[check["name"]]
-        anchor = f"{found[0].verdict}-{check['name']}{f'-{number}' if number > 1 else ''}"
-        is_cut = len(articles) >= WHOLE_EXCHANGES
-        asked = [[requirements[key] for key in one.requirements] for one in found]
-        seen = [_seen(one, what, is_cut) for one, what in zip(found, asked, strict=True)]
+        anchor = f"{verdict}-{check['name']}{f'-{number}' if number > 1 else ''}"
+        seen = [_seen(each, known, is_cut=count >= WHOLE_EXCHANGES) for each in one.found]
+        count += 1
         motion = check["motions"][-1] if check["motions"] else None
-        if motion is not None and (found[0].verdict != "fail" or is_inside(motion)):
+        if motion is not None and (verdict != "fail" or is_inside(motion)):
             motion = None  # it failed on something else
         operations = _operations(check["replay"])
-        articles.append(
-            CheckArticle(anchor, slug(found[0].verdict), check, seen, motion, operations)
-        )
-    return articles
+        also = [article(each) for each in one.also]
+        return CheckArticle(anchor, slug(verdict), check, seen, motion, operations, also)
+
+    return [article(one) for one in failed(report["checks"])]
 
 
-def _seen(statement: Statement, asked: Sequence[Mapping[str, Any]], is_cut: bool) -> Exhibit:
+def _seen(statement: Statement, known: Mapping[str, Mapping[str, Any]], *, is_cut: bool) -> Exhibit:
     rows = _rows(statement.transcript, statement.shown)
     decided = set(statement.shown)
     others = [row for number, row in enumerate(rows) if number not in decided]
     left = len(others) if is_cut else 0
-    return Exhibit(
-        statement, asked, [rows[number] for number in statement.shown], () if left else others, left
-    )
+    shown = [rows[number] for number in statement.shown]
+    return Exhibit(statement, statement.required(known), shown, () if left else others, left)
 
 
 def _articles(report: Report, checks: Sequence[CheckArticle]) -> list[Article]:
@@ -234,7 +247,7 @@ def _articles(report: Report, checks: Sequence[CheckArticle]) -> list[Article]:
         )
         for judged in report["requirements"]
     }
-    for article in checks:
+    for article in [one for group in checks for one in (group, *group.also)]:
         named = {name for seen in article.seen for name in seen.statement.requirements}
         for name in named & articles.keys():
             articles[name].told.append(article)
@@ -276,6 +289,8 @@ def _profile_article(report: Report) -> list[Article]:
 def _coverage(judged: Mapping[str, Any]) -> str:
     if judged["checks"]:
         return counted(len(judged["checks"]), "check")
+    if judged["reason"] == ELSEWHERE:
+        return ON_THE_LINE
     return NOT_ON_WIRE if judged["not_on_wire"] else NOT_COVERED
 
 

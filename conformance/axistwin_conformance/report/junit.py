@@ -21,7 +21,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 
-from axistwin_conformance.report.failures import manual, statements
+from axistwin_conformance.base.errors import counted
+from axistwin_conformance.report.failures import statements
 from axistwin_conformance.report.json import Report
 
 UNTRUSTED = (2, 3, 130)  # exit statuses: nothing judged, unreachable, interrupted
@@ -108,7 +109,7 @@ def _case(report: Report, judged: Mapping[str, Any]) -> ElementTree.Element:
         element = _element(case, ELEMENTS[verdict], message=words)
         if ELEMENTS[verdict] != "skipped":
             element.set("type", verdict)
-            element.text = _evidence(judged, report)
+            _put_evidence(element, judged, report)
     elif reason:
         _element(case, "system-out").text = f"{verdict}: {reason}"
     return case
@@ -126,21 +127,27 @@ def _seconds(report: Report, key: str) -> float:
     )
 
 
-def _evidence(judged: Mapping[str, Any], report: Report) -> str:
-    """What was seen, what the manual asks, the exchange, and the command that does it again."""
-    lines = []
+def _put_evidence(element: ElementTree.Element, judged: Mapping[str, Any], report: Report) -> None:
+    """What was seen, what is required, the exchange, and the command that does it again, check by
+    check.  What the first one has seen is the message, which build servers show above the text."""
     known = {one["id"]: one for one in report["requirements"]}
-    for check in report["checks"]:
-        for one in statements(check):
-            if judged["id"] not in one.requirements or one.verdict != judged["verdict"]:
-                continue
-            lines.append(one.sentence)
-            requirements = [known[name] for name in one.requirements]
-            lines += [f"manual: {text}" for text in manual(requirements)]
-            lines += [f"remark: {one.remark}"] if one.remark else []
-            lines += [f"check: {check['name']}", f"replay: {check['replay']}"]
-            lines += [*transcript_lines(one.transcript), ""]
-    return "\n".join(lines[:-1])
+    found = [
+        (check, one)
+        for check in report["checks"]
+        for one in statements(check)
+        if judged["id"] in one.requirements and one.verdict == judged["verdict"]
+    ]
+    if found[1:] and judged["verdict"] == "fail":
+        others = counted(len(found) - 1, "more failure")
+        element.set("message", f"{found[0][1].sentence} ({others} of it below)")
+    lines: list[str] = []
+    for number, (check, one) in enumerate(found):
+        lines += ["", one.sentence] if number else []
+        lines += [f"required: {each}" for each in one.required(known)]
+        lines += [f"remark: {one.remark}"] if one.remark else []
+        lines += [f"check: {check['name']}", f"replay: {check['replay']}"]
+        lines += transcript_lines(one.transcript)
+    element.text = "\n".join(lines)
 
 
 def transcript_lines(records: Sequence[Mapping[str, Any]]) -> Iterator[str]:

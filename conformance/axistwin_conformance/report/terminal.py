@@ -12,6 +12,8 @@ import shlex
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
 
 from rich.console import Console
 from rich.padding import Padding
@@ -39,8 +41,15 @@ from axistwin_conformance.engine.eta import Eta
 from axistwin_conformance.engine.impact import Impact, allowed_in_vain, impacts
 from axistwin_conformance.engine.judgement import UNREACHABLE
 from axistwin_conformance.engine.plan import Options, Plan
-from axistwin_conformance.report.by_hand import FROM_STATE, again, send_command
-from axistwin_conformance.report.failures import TIMES, Statement, manual, statements
+from axistwin_conformance.report.by_hand import again, send_command
+from axistwin_conformance.report.failures import (
+    ALSO,
+    LAST_PROBLEMS,
+    TIMES,
+    Failed,
+    Statement,
+    failed,
+)
 from axistwin_conformance.report.json import plain
 from axistwin_conformance.transport.kinds import in_hex
 
@@ -281,7 +290,7 @@ class TerminalReport:
             self._failures()
         self._print()
         counts = " · ".join(f"{number} {verdict.value}" for verdict, number in event.counts.items())
-        self._print(f"{counts} · {event.seconds:.1f} s")
+        self._print(f"requirements: {counts} · {event.seconds:.1f} s")
         if event.eeprom_writes:
             limit = event.eeprom_budget
             allowed = "" if limit is None else f", of {limit} allowed"
@@ -290,7 +299,11 @@ class TerminalReport:
             )
         if event.exit_status != UNREACHABLE:
             self._coverage()
-        for problem in event.problems:
+        shown = event.problems if self._is_verbose else event.problems[-LAST_PROBLEMS:]
+        if earlier := len(event.problems) - len(shown):
+            more = counted(earlier, "earlier problem")
+            self._print(f"problem: {more}: --verbose, --report", style="yellow")
+        for problem in shown:
             self._print(f"problem: {problem}", style="yellow")
         good = event.exit_status == 0
         self._print(event.sentence, style="bold green" if good else "bold red")
@@ -376,39 +389,63 @@ class TerminalReport:
         return f"{count}" if count == len(one.checks) else f"{count} of {len(one.checks)}"
 
     def _failures(self) -> None:
-        """What failed, check by check, in words; checks that crashed, too."""
-        for event in self._finished:
-            if event.verdict is Verdict.FAIL or event.outcome in (Outcome.ERROR, Outcome.TROUBLE):
-                self._check_in_words(event)
+        """What failed, cause by cause, in words; checks that crashed, too."""
+        broken = [
+            event
+            for event in self._finished
+            if event.verdict is Verdict.FAIL or event.outcome in (Outcome.ERROR, Outcome.TROUBLE)
+        ]
+        told = [plain(event, self._explain, self._spell) for event in broken]
+        groups = failed(told)
+        found = {id(one.check): one for group in groups for one in (group, *group.also)}
+        leading = {id(one.check) for one in groups}
+        for check in told:
+            one = found.get(id(check))
+            if one is None or id(check) in leading or self._is_verbose:
+                self._check_in_words(check, one)
 
-    def _check_in_words(self, event: events.CheckFinished) -> None:
+    @cached_property
+    def _requirements(self) -> Mapping[str, Mapping[str, Any]]:
+        return {name: plain(one) for name, one in self._ledger.requirements.items()}
+
+    def _check_in_words(self, check: Mapping[str, Any], one: Failed | None) -> None:
+        """A check that failed; or, with nothing found, that could not be run to its end."""
         self._print()
-        style = STYLE[event.verdict]
-        self._print(Text(f"{event.verdict.value.upper()}  ", style).append(event.name, "bold"))
-        if event.trouble:
-            self._print(event.trouble, "yellow", label="   ")
-        found = statements(plain(event, self._explain, self._spell))
-        shown = [one for one in found if one.verdict == event.verdict.value]
-        for one in shown:
-            if one.sentence != event.trouble:
-                self._print(one.sentence, label="   ")
-            if one.remark:
-                self._print(one.remark, "dim", label="   remark      ")
-            known = self._ledger.requirements
-            requirements = [plain(known[name]) for name in one.requirements]
-            for number, text in enumerate(manual(requirements)):
-                self._print(text, label=" " * 15 if number else "   manual      ")
+        style = STYLE[Verdict(check["verdict"])]
+        self._print(Text(f"{check['verdict'].upper()}  ", style).append(check["name"], "bold"))
+        if check["trouble"]:
+            self._print(check["trouble"], "yellow", label="   ")
+        shown = one.found if one else ()
+        for seen in shown:
+            if seen.sentence != check["trouble"]:
+                self._print(seen.sentence, label="   ")
+            if seen.remark:
+                self._print(seen.remark, "dim", label="   remark      ")
+            for number, required in enumerate(seen.required(self._requirements)):
+                self._print(str(required), label=" " * 15 if number else "   required    ")
         # One sequence usually breaks several requirements: it is printed once, with the last.
         if shown and shown[-1].transcript:
             self._transcript(shown[-1])
-        self._print_command("   replay      ", event.replay)
-        requests = again(shown[-1].transcript, shown[-1].by_hand) if shown else []
-        if self._run is not None and requests:
-            self._print_command("   by hand     ", send_command(self._run, *requests))
-            if requests[1:]:
-                self._print(FROM_STATE, "dim", label=" " * 15)
-        elif shown and shown[-1].no_hand:
-            self._print(shown[-1].no_hand, label="   by hand     ")
+        self._print_command("   replay      ", check["replay"])
+        if shown:
+            self._by_hand(shown[-1])
+        if one and one.also:
+            self._also(one.also)
+
+    def _by_hand(self, one: Statement) -> None:
+        """How to see it again without the suite."""
+        requests = again(one.transcript, one.by_hand)
+        if self._run is None or not requests:
+            self._print(one.no_hand, label="   by hand     ")
+            return
+        self._print_command("   by hand     ", send_command(self._run, *requests))
+        if one.found:
+            self._print(f"(before, {'; '.join(one.found)})", "dim", label=" " * 15)
+
+    def _also(self, others: Sequence[Failed]) -> None:
+        """The checks that add nothing to the failure above."""
+        names = "; ".join(f"{one.check['name']} ({', '.join(one.requirements)})" for one in others)
+        self._print(f"{ALSO}: {names}", label="   ")
 
     def _transcript(self, one: Statement) -> None:
         """The records that led to the verdict; all of them for those who ask."""

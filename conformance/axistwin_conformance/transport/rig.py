@@ -428,7 +428,8 @@ def choose_rig(
     if kind.startswith(SCHEME) and is_allowed:
         _check_daemon(kind)
     if kind == "twin" and not is_twin:
-        where = f"{transport_kind.option} {transport_kind.twin}..."
+        twin = f"{transport_kind.option} {transport_kind.twin}..."
+        where = twin if transport_kind.twin else f"leave out {transport_kind.option}"
         raise UsageError(f"--rig twin needs a twin in this process: {where}")
     if kind == "prompt" and is_allowed and not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise UsageError("--rig prompt needs a terminal with somebody to ask; try --rig command")

@@ -27,7 +27,6 @@ from zoo_msc import ZOO as MSC
 from axistwin.cli.program import main
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
-from axistwin_conformance.report.by_hand import FROM_STATE
 from axistwin_conformance.report.html import render
 from axistwin_conformance.report.json import Report, event_object, fold
 from axistwin_conformance.report.junit import junit
@@ -221,12 +220,14 @@ def test_what_is_typed_by_hand_shows_the_failure_again(name: str) -> None:
     zoo, fault, check = FAILURES[name]
     [ran] = [one for one in judged(name)[1]["checks"] if one["name"] == check]
     finding = next(one for one in ran["findings"] if one["verdict"] == "fail")
-    line = re.search(r"^   by hand     (.*)\Z", on_terminal(name), re.MULTILINE | re.DOTALL)
+    line = re.search(
+        r"^   by hand     (.*?)(?:^ +\(before, .*)?\Z", on_terminal(name), re.MULTILINE | re.DOTALL
+    )
     assert line is not None
     if not finding["by_hand"]:
         assert " ".join(line[1].split()) == finding["no_hand"] != ""
         return
-    program, *words = shlex.split(line[1].replace("\\\n", "").partition(f" {FROM_STATE}")[0])
+    program, *words = shlex.split(line[1].replace("\\\n", ""))
     assert program == "axistwin"
     with next(one for one in zoo if one.name == fault).plant():
         result = CliRunner().invoke(main, words)

@@ -30,7 +30,7 @@ from axistwin_conformance.base.errors import (
 from axistwin_conformance.base.events import QuestionAsked
 from axistwin_conformance.core.probing import Probe, Seen
 from axistwin_conformance.core.profile import Detection
-from axistwin_conformance.core.session import Run, Session, Stop
+from axistwin_conformance.core.session import EXCERPT_RECORDS, Run, Session, Stop
 from axistwin_conformance.engine.device.device_guard import DeviceGuard
 from axistwin_conformance.engine.replays import MOST_ATTEMPTS
 
@@ -129,6 +129,7 @@ def _look(session: Session, probe: Probe, device_guard: DeviceGuard) -> Seen | D
             session.rig.require(capability)
         with interrupts_first():
             seen = probe.look(session)
+        session.run.shown[probe.switch] = session.records(EXCERPT_RECORDS)
         if not seen.readings:
             device_guard.record_violation(session, *act)
         return seen

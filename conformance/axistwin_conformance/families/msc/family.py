@@ -11,7 +11,7 @@ from axistwin_conformance.core.family import Family, Violation
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.core.wording import Exchange
+from axistwin_conformance.core.wording import Effect, Exchange
 from axistwin_conformance.families.msc import codec, snapshot
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import SHOUTING
@@ -87,8 +87,8 @@ class Msc(Family):
             words, _, flaws = rest.partition("; ")
             words += "" if packet.unit == self.default_address else f" to {unit}"
             words += f" with {flaws}" if flaws else ""
-        is_setting = name in codec.WRITES and codec.is_whole(request)
-        return Exchange(words, is_query=not is_setting, is_setting=is_setting)
+        is_write = name in codec.WRITES and codec.is_whole(request)
+        return Exchange(words, Effect.VALUE if is_write else Effect.NOTHING)
 
     def driver(self, session: Session, address: int | None = None) -> MscDriver:
         """A unit on the line."""

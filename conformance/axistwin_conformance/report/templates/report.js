@@ -26,6 +26,13 @@ for (const line of document.querySelectorAll(".command")) {
   });
   line.append(button);
 }
+const reveal = () => {
+  const target = document.getElementById(location.hash.slice(1));
+  for (let one = target; one; one = one.parentElement) if (one.tagName === "DETAILS") one.open = true;
+  target?.scrollIntoView();
+};
+addEventListener("hashchange", reveal);
+reveal();
 addEventListener("beforeprint", () => {
   for (const one of document.querySelectorAll("article.fail details, article.inconclusive details"))
     one.open = true;

@@ -82,15 +82,16 @@ class Reporter:
         self, twins: Sequence[AnyTwin], ports: Sequence[Endpoint], control: str | None = None
     ) -> None:
         """One event per device: clients can connect; ``control``: the URL of the control API."""
-        endpoints = [{"endpoint": port.kind, "url": port.url} for port in ports]
-        for twin in twins:
+        for index, twin in enumerate(twins):
+            own = [port for port in ports if getattr(port, "device_index", index) == index]
+            endpoints = [{"endpoint": port.kind, "url": port.url} for port in own]
             device = f"{twin.model}:{twin.address}"  # which may have been changed and stored
             if self._as_json:
                 event = {"device": device, **endpoints[0], "endpoints": endpoints}
                 more = {} if control is None else {"control": control}
                 self.event({"event": "ready", **event, **more})
             else:
-                where = " ".join(f"{port.kind}={port.describe()}" for port in ports)
+                where = " ".join(f"{port.kind}={port.describe()}" for port in own)
                 where += "" if control is None else f" control={control}"
                 self._stdout.put(_encoded(f"ready {device} {where}\n", sys.stdout.encoding))
 

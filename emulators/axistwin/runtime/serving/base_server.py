@@ -39,7 +39,11 @@ Report: TypeAlias = Callable[[Mapping[str, object]], None]
 
 
 class Endpoint(Protocol):
-    """Where clients find what is served; a port without the kind of server it works for."""
+    """Where clients find what is served; a port without the kind of server it works for.
+
+    What it may have beside (looked at by ``getattr``): ``host``, if others on the network can reach
+    it; ``device_index``, if clients find only that device there.
+    """
 
     @property
     def kind(self) -> str:
@@ -165,9 +169,10 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         if threading.get_ident() == self._thread_id or self._change_pending:
             return
         self._change_pending = True
-        self.loop.call_soon(self._look_again)
+        self.loop.call_soon(self.look_again)
 
-    def _look_again(self) -> None:
+    def look_again(self) -> None:
+        """Something was done to the simulation, in the loop's thread too: do what is due now."""
         self._change_pending = False
         self._expect_motion()
         self._go_off()

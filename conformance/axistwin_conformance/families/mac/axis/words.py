@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.errors import counted
-from axistwin_conformance.core.wording import Exchange
+from axistwin_conformance.core.wording import Effect, Exchange
 from axistwin_conformance.families.mac.axis.exchanges import (
     COMMAND_NAMES,
     QUERIES,
@@ -19,7 +19,14 @@ from axistwin_conformance.families.mac.axis.parameters import (
 )
 
 POSITION: Final = 0x20
-MOTIONS: Final = frozenset({0x11, 0x13, 0x14, 0x15, 0x16, 0x17, 0x18, 0x1E})
+EFFECTS: Final = {
+    **dict.fromkeys(PARAMETERS, Effect.VALUE),
+    0x10: Effect.HOLD,
+    0x11: Effect.START,
+    **dict.fromkeys((0x13, 0x14, 0x15, 0x16, 0x1E), Effect.MOTION),
+    **dict.fromkeys((0x17, 0x18), Effect.STOP),
+    **dict.fromkeys(QUERIES, Effect.NOTHING),
+}
 WITHOUT_PARAMETER: Final = frozenset({0x00, 0x01, 0x0B, 0x10, 0x11, 0x14, 0x17, 0x18, 0x19, 0x1A})
 NOT_USED: Final = "not used"
 TICK: Final = "× 0.125 µs"  # the unit of a period
@@ -99,13 +106,6 @@ def exchange_words(words: str, index: int, data: int | None) -> Exchange:
     """A well-formed request, already in words, and the number of its answer, None if none came."""
     is_query = index in QUERIES
     name = QUERY_NAMES.get(index, "") if is_query else ""
-    answer = answer_words(index, data) if is_query and data is not None else ""
+    answer = data_words(index, data) if is_query and data is not None else ""
     quantity = "position" if name == "position" else ""
-    return Exchange(
-        words,
-        is_query,
-        quantity,
-        answer,
-        is_setting=index in PARAMETERS,
-        is_motion=index in MOTIONS,
-    )
+    return Exchange(words, EFFECTS.get(index, Effect.OTHER), quantity, answer)

@@ -13,7 +13,7 @@ from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.identity import Model
 from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Run, Session
-from axistwin_conformance.core.wording import Exchange
+from axistwin_conformance.core.wording import Effect, Exchange
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply
@@ -100,8 +100,9 @@ class MacCan(AxisFamily):
             words = self.explain(Record(0, Direction.HOST, request))
             to, _, sent = words.partition(": ")
             if to.startswith("to ") and len(frame.data) < codec.TRANSFER_BYTES:
-                return Exchange(f"{sent} {to}", is_query=True)
-            return Exchange(words, is_motion=frame.identifier == codec.SYNC)
+                return Exchange(f"{sent} {to}", Effect.NOTHING)
+            is_sync = frame.identifier == codec.SYNC
+            return Exchange(words, Effect.START if is_sync else Effect.OTHER)
         came = [codec.parse(one) for one in unpack_all(reply)]
         data = next((one.data for one in came if one.index == index), None)
         address = frame.identifier - codec.REQUEST

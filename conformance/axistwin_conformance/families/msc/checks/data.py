@@ -31,7 +31,7 @@ STRIDES: Final = (4, 2, 1)  # MSC-AMB-18
 
 
 def _spelt(data: bytes) -> str:
-    return data.hex(" ").upper()
+    return f"{int.from_bytes(data, 'big', signed=True)} ({data.hex(' ').upper()})"
 
 
 @check(

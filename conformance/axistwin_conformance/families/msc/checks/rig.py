@@ -62,6 +62,10 @@ def _power_cycle(driver: MscDriver) -> int:
     return driver.status()
 
 
+def _bit(status: int, bit: int) -> str:
+    return f"bit {bit} {'on' if status >> bit & 1 else 'off'} (RQSTAT = {status:04X}h)"
+
+
 def _restart(session: Session) -> None:
     """Have the program run as it did before, where the rig can start it."""
     if "program" in session.rig.capabilities:
@@ -95,12 +99,12 @@ def each_condition_has_a_bit_of_its_own(session: Session) -> None:
         else:
             seen = exchange.reply.numbers[0] if exchange.reply else -1
             is_on = seen >= 0 and bool(seen >> bit & 1)
-            text = f"bit {bit} on ({1 << bit})"
-            session.expect(is_on, "MSC-STA-02", text, seen)
+            text = f"bit {bit} on"
+            session.expect(is_on, "MSC-STA-02", text, _bit(seen, bit) if seen >= 0 else exchange)
         session.rig.work("status", False, number=bit)
         driver.status()  # a device that clears what it has told has told it now
         gone = driver.status()
-        session.expect(not gone >> bit & 1, "MSC-STA-02", f"bit {bit} off again", gone)
+        session.expect(not gone >> bit & 1, "MSC-STA-02", f"bit {bit} off again", _bit(gone, bit))
         shown += 1
     if not shown:
         session.skip("the rig brings about none of the conditions")
@@ -150,12 +154,13 @@ def bit_0_is_the_program(session: Session) -> None:
             session.rig.work("program", is_on)
             so = _until(driver, lambda: bool(driver.status() & RUNNING) is is_on, REACTION_S)  # noqa: B023 - called here
             text = f"bit 0 {'on' if is_on else 'off'}"
-            session.expect(so, names, text, driver.status())
+            session.expect(so, names, text, _bit(driver.status(), 0))
     if "status" in session.rig.capabilities:
         session.rig.work("status", True, number=6)
         seen = driver.status()
         both = RUNNING | AUTO_START
-        session.expect(seen & both == both, "MSC-STA-01", f"{both} and whatever else is on", seen)
+        came = f"{_bit(seen, 0)}, {_bit(seen, 6)}"
+        session.expect(seen & both == both, "MSC-STA-01", "bit 0 on, bit 6 on", came)
         session.rig.work("status", False, number=6)
 
 
@@ -167,7 +172,8 @@ def auto_start_is_what_power_up_does(session: Session) -> None:
         for status in _power_ups(driver):
             is_running, is_auto = bool(status & RUNNING), bool(status & AUTO_START)
             text = f"bit 0 {'on' if is_auto else 'off'}, as bit 6 is"
-            session.expect(is_running == is_auto, ("MSC-STA-01", "MSC-STA-02"), text, status)
+            names, came = ("MSC-STA-01", "MSC-STA-02"), f"{_bit(status, 0)}, {_bit(status, 6)}"
+            session.expect(is_running == is_auto, names, text, came)
     finally:
         _restart(session)
 
@@ -205,6 +211,8 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
         f" status bit 2 (RAM MEMORY NOT RELIABLE) was {int(is_shown)} (RQSTAT = {status:04X}h)",
         value=str(seen),
         wanted=f"the values written before ({written}) or bit 2 = 1",
+        rule="Status bit 2 tells that memory is not reliable: while it is 0, memory holds what was"
+        " written, over a power cycle as well.",
         causes=(
             *(f"DWRITE {place} = " for place in slots),
             "RQSTAT",
@@ -224,10 +232,12 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
     try:
         session.rig.work("battery", True)
         is_shown = _until(driver, lambda: bool(driver.status() & BATTERY_LOW), REACTION_S)
-        session.expect(is_shown, None, "bit 1 on: an empty battery is a low one", driver.status())
+        session.expect(
+            is_shown, None, "bit 1 on: an empty battery is a low one", _bit(driver.status(), 1)
+        )
         status = _power_cycle(driver)
         is_shown = _until(driver, lambda: bool(driver.status() & BATTERY_LOW), REACTION_S)
-        session.expect(is_shown, None, "bit 1 on after power-up as well", driver.status())
+        session.expect(is_shown, None, "bit 1 on after power-up as well", _bit(driver.status(), 1))
         _restart(session)
         _must_serve(driver)
         seen = driver.read(place)
@@ -239,12 +249,12 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
             session.rig.work("status", False, number=2)
         _restart(session)
     gone = driver.status()
-    session.expect(not gone & BATTERY_LOW, None, "bit 1 off with a good battery", gone)
+    session.expect(not gone & BATTERY_LOW, None, "bit 1 off with a good battery", _bit(gone, 1))
     try:
         gone = _power_cycle(driver)
     finally:
         _restart(session)
-    session.expect(not gone & BATTERY_LOW, None, "bit 1 off with it after power-up", gone)
+    session.expect(not gone & BATTERY_LOW, None, "bit 1 off with it after power-up", _bit(gone, 1))
 
 
 # --- states ---------------------------------------------------------------------------------------

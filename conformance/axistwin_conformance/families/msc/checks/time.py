@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.check import check
-from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.session import Session, earlier
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
@@ -102,9 +102,9 @@ def judge_broken_off(driver: MscDriver, count: int) -> None:
             f"RQSTAT broken off after {count} of its {whole} bytes was answered with NAK"
             f" {(came_ns - sent_ns) / MS:.1f} ms after its first byte began",
             value=f"after {(came_ns - sent_ns) / MS:.1f} ms",
-            wanted=f"NAK {due.since(sent_ns)}: the manual names no time, and this device waited"
-            f" {driver.client.packet_timeout_s * 1000:.0f} ms for the rest of a packet earlier in"
-            " this run",
+            wanted=f"NAK {due.since(sent_ns)}: the manual names no time, but earlier in this run"
+            f" this device waited {driver.client.packet_timeout_s * 1000:.0f} ms",
+            earlier=earlier(session, "packet_timeout_ms"),
         ),
     )
     driver.link.nothing_more("MSC-LNK-03", f"the NAK to {text}")

@@ -25,6 +25,7 @@ from axistwin_conformance.families.mac.axis.probes.motion import (
     triangle_law,
 )
 from axistwin_conformance.families.mac.axis.probing import MOVES
+from axistwin_conformance.families.mac.axis.words import TICK
 
 ORDER = 120  # of this module in a run; see `Family.modules`
 
@@ -242,7 +243,13 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
                 ("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01"),
                 _busy_words(admissible, target - highest, target - lowest, tolerance),
                 partial(
-                    _busy_seen, exchange, target - highest, target - lowest, tolerance, admissible
+                    _busy_seen,
+                    exchange,
+                    f"{driver.client.named(0x0D)} = {driver.motion.period} {TICK} an increment",
+                    target - highest,
+                    target - lowest,
+                    tolerance,
+                    admissible,
                 ),
             )
         driver.motion.finish(forecast, "MACS-BUSY-01")
@@ -255,14 +262,19 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
 
 
 def _busy_seen(
-    exchange: AxisExchange, least: int, most: int, tolerance: int, admissible: set[bool]
+    exchange: AxisExchange,
+    speed: str,
+    least: int,
+    most: int,
+    tolerance: int,
+    admissible: set[bool],
 ) -> Observation:
     """What 27h showed with so many increments to go, in words."""
     state = exchange.reply.data_bytes()[2]
     told, bit = ("not busy", 1) if state & BUSY else ("busy", 0)
     return Observation(
-        f"with {least}..{most} increments to go by prediction and tolerance {tolerance} (1Ch),"
-        f" {REQUEST} showed {told} (cc = {state:02X}h, bit 3 = {bit})",
+        f"with {least}..{most} increments to go, as predicted for {speed}, and tolerance"
+        f" {tolerance} (1Ch), {REQUEST} showed {told} (cc = {state:02X}h, bit 3 = {bit})",
         value=told,
         wanted=" or ".join(
             "busy (bit 3 = 0)" if is_busy else "not busy (bit 3 = 1)"

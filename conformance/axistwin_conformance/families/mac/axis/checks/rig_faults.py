@@ -259,7 +259,7 @@ def _judge_parameters(driver: AxisDriver, cause: Cause) -> None:
             wanted,
             replace(
                 seen,
-                clause=f'with the fault "{cause.words}" active ({active}), {seen.clause}',
+                clause=f'at rest, with the fault "{cause.words}" active ({active}), {seen.clause}',
                 wanted=f"{wanted}, because a fault locks motion commands only and"
                 f" {driver.client.named(index)} sets a parameter",
                 is_whole=True,

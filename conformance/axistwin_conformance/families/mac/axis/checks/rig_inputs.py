@@ -81,12 +81,13 @@ def _inputs_seen(active: str, shown: list[str]) -> Observation:
     byte, bit = INPUT_BITS[wrong]
     letters, number = STATUS_BYTES[0x27][byte], bit.bit_length() - 1
     only = f"with only the {_noun(active)} active" if active else "with no input active"
-    did = "also showed" if wrong in shown else "did not show"
+    did = "showed" if wrong in shown else "did not show"
     return Observation(
         f"{only}, {REQUEST} {did} the {_noun(wrong)} as active ({letters} bit {number} ="
         f" {int(wrong in shown)})",
         value=", ".join(shown) or "none",
-        wanted=f"{letters} bit {number} = {int(wrong in wanted)}",
+        wanted=f"{'active' if wrong in wanted else 'not active'} ({letters} bit {number} ="
+        f" {int(wrong in wanted)})",
     )
 
 

@@ -412,18 +412,21 @@ class AxisMotion:
             lowest - allowance <= sample.position <= highest + allowance,
             requirement,
             f"position {lowest}..{highest}",
-            lambda: _seen(sample, forecast, "during", self._wanted(forecast, lowest, highest)),
+            lambda: _seen(sample, self._wanted(forecast, lowest, highest)),
         )
         return sample
 
     def _wanted(self, forecast: Forecast, lowest: int, highest: int) -> str:
-        """A band of places, and by which settings it was predicted."""
+        """A band of places, and from what it was predicted."""
         place = f"{lowest} to {highest} increments" if lowest < highest else f"{lowest} increments"
+        place = f"{place} by then, {_way(forecast, 'on')}"
         if forecast.timelines[0].mode not in ("PO", "VE"):
-            return f"{place}, as predicted"
+            return place
+        unit = counted(ramp_increments(1), "increment")
+        ramp = f"{unit} of ramp for each unit" if self.coefficient else "no ramp"
         return (
-            f"{place}, as predicted for {self._client.named(0x0D)} = {self.period} {TICK}"
-            f" and {self._client.named(0x0F)} = {self.coefficient}"
+            f"{place} with {self._client.named(0x0D)} = {self.period} {TICK} an increment"
+            f" and {self._client.named(0x0F)} = {self.coefficient} ({ramp})"
         )
 
     def _widened(self, window: TimeWindow, forecast: Forecast) -> TimeWindow:
@@ -490,18 +493,24 @@ class AxisMotion:
             lowest <= sample.position <= highest,
             requirement,
             f"at rest at {lowest}" if lowest == highest else f"at rest in {lowest}..{highest}",
-            lambda: _seen(sample, forecast, "at the end of", f"{lowest}..{highest} increments"),
+            lambda: _seen(
+                sample,
+                f"{lowest}..{highest} increments {_way(forecast, 'at the end of')}",
+            ),
         )
         return sample.position
 
 
-def _seen(sample: Sample, forecast: Forecast, when: str, wanted: str) -> Observation:
-    """Where the axis was, in words, with where it came from."""
-    first = min(forecast.timelines, key=lambda timeline: timeline.start_ns)
+def _seen(sample: Sample, wanted: str) -> Observation:
+    """Where the axis was, in words."""
     text = f"{REQUEST} read {counted(sample.position, 'increment')}"
-    if first.mode in COURSES:
-        text += f" {when} the {COURSES[first.mode]} from position {first.origin}"
     return Observation(text, f"position {sample.position}", wanted, is_whole=False)
+
+
+def _way(forecast: Forecast, when: str) -> str:
+    """Which motion it is, and where it began."""
+    first = min(forecast.timelines, key=lambda timeline: timeline.start_ns)
+    return f"{when} the {COURSES.get(first.mode, 'motion')} from position {first.origin}"
 
 
 def velocity(direction: int, period: int) -> int:

@@ -342,14 +342,17 @@ def _late_seen(driver: CanDriver, late: Arrival | None, came: str) -> Observatio
     """A lifebeat that came late, in words."""
     value = f"none then, and later {came}"
     spare_ms = slack_ns(driver, LIFEBEAT_NS) / 1e6
-    wanted = f"{LIFEBEAT_S:.0f} s ± {spare_ms:.1f} ms (or no lifebeat ever: MACC-AMB-05)"
+    wanted = (
+        f"{LIFEBEAT_S:.3f} s (± {spare_ms:.1f} ms, which the suite allows for other frames on the"
+        " bus), or no lifebeat ever (the manual lacks the figure that shows it: MACC-AMB-05)"
+    )
     if late is None:
         return Observation(f"a message under the identifier of SYNC came: {came}", value, wanted)
     asked = [one for one in driver.session.records() if one.direction is Direction.HOST]
     after_s = (late.time_ns - asked[-1].time_ns) / 1e9
     number = driver.client.address
     return Observation(
-        f"module {number} sent its first lifebeat ({late.frame}) {after_s:.1f} s after the last"
+        f"module {number} sent its first lifebeat ({late.frame}) {after_s:.3f} s after the last"
         " request to it",
         value,
         wanted,

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import counted
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange, Part
@@ -162,8 +163,8 @@ def _is_dropped(
 
 
 USUAL_MISTAKES: Final = {  # by how much they make the sum too large
-    0x95: ", which is the sum with the length field 014 added,",
-    0x97: ", which is the sum with Stx and the length field 014 added,",
+    0x95: " (the length field 014 added to the sum)",
+    0x97: " (Stx and the length field 014 added to the sum)",
 }
 
 
@@ -372,8 +373,10 @@ def stx_begins_anew(session: Session) -> None:
     for cut in range(1, len(frame)) if session.target.is_virtual else (1, 4, 10, 20):
         exchange = driver.client.send(frame[:cut] + frame)
         seen = driver.client.observed(exchange)
-        part = "byte" if cut == 1 else f"{cut} bytes"
-        clause = seen.clause.replace(REQUEST, f"a whole 20h query behind its first {part}")
+        part = counted(cut, "byte")
+        clause = seen.clause.replace(
+            REQUEST, f"a whole 20h query, sent after a frame broken off after {part},"
+        )
         session.expect(
             exchange.kind is ReplyKind.ANSWER,
             None,
