@@ -155,9 +155,10 @@ def _family_options(function: Function) -> Function:
 @_family_options
 @click.option(
     "--rig",
-    type=click.Choice(("twin", "prompt", "command")),
-    help="Rig that operates inputs, supply and shaft. A device also needs --allow rig; a twin is"
-    " its own rig.",
+    type=Word(),
+    metavar="[twin|prompt|command|URL]",
+    help="Rig that operates inputs, supply and shaft; URL: the control API of a running twin, such"
+    " as http://127.0.0.1:8080. A device also needs --allow rig; a twin is its own rig.",
 )
 @click.option(
     "--rig-command",

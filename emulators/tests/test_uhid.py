@@ -18,6 +18,7 @@ from axistwin.ports.hid import uhid
 from axistwin.ports.hid.uhid import UhidPort
 from axistwin.ports.hid.uhid_events import EVENT_BYTES
 from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.serving.rack import Rack
 
 pytestmark = pytest.mark.system
 
@@ -59,12 +60,15 @@ def serving(port: SocketPort, *devices: str, **options: Any) -> Iterator[list[di
     specs = [catalog.parse_device(device) for device in devices or ("mn400",)]
     events: list[dict[str, Any]] = []
     with catalog.build_line(specs, **options) as line:
-        server = Server(line, [port], report=lambda event: events.append(dict(event)))
-        server.start()
+        rack = Rack()
+        rack.add(
+            Server(line, [port], loop=rack.loop, report=lambda event: events.append(dict(event)))
+        )
+        rack.start()
         try:
             yield events
         finally:
-            server.stop()
+            rack.stop()
             port.kernel.close()
 
 
@@ -117,17 +121,18 @@ def test_a_kernel_that_gives_the_device_up_ends_the_run_with_one_line() -> None:
     port = SocketPort()
     specs = [catalog.parse_device("mn400")]
     with catalog.build_line(specs) as line:
-        server = Server(line, [port])
-        server.start()
+        rack = Rack()
+        rack.add(Server(line, [port], loop=rack.loop))
+        rack.start()
         port.tell(b"E")
         port.kernel.close()
-        thread = server._thread
+        thread = rack._thread
         assert thread is not None
         thread.join(TIMEOUT_S)
         with pytest.raises(
             PortError, match=r"hid /dev/hidraw7: the kernel has given the device up"
         ):
-            server.stop()
+            rack.stop()
 
 
 def test_what_is_missing_is_told_in_one_line(

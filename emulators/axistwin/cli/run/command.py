@@ -128,6 +128,18 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
     help="Append the traffic to FILE: of a line, time in ms, > or <, bytes in hex, meaning; of a "
     "bus, as candump logs it.",
 )
+@click.option(
+    "--control",
+    metavar="HOST:PORT",
+    help="Serve the control API there, for 'axistwin ctl' and programs; port 0: any free one.",
+)
+@click.option(
+    "--control-token-file",
+    callback=_named,
+    metavar="FILE",
+    help="Token that every request must have (else of AXISTWIN_CONTROL_TOKEN); needed at any "
+    "address but the loopback.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Events on stdout, one JSON object per line.")
 def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Run twins on a serial line or a CAN bus that any program can open.

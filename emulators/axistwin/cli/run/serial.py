@@ -20,7 +20,7 @@ from axistwin.runtime.serving.line_server import Server
 
 if TYPE_CHECKING:
     from axistwin.runtime.serving.line_server import Port
-    from axistwin.runtime.serving.loop import Loop
+    from axistwin.runtime.serving.loop import Loop, LoopShare
     from axistwin.runtime.twin import Twin
 
 
@@ -67,7 +67,7 @@ class SerialRun(Run[Line]):
             programs=catalog.parse_programs(self._programs),
         )
 
-    def serve(self, simulation: Line, reporter: Reporter, loop: Loop | None = None) -> Server:
+    def serve(self, simulation: Line, reporter: Reporter, loop: Loop) -> Server:
         """The line behind all endpoints that were asked for."""
         _ProgramWatch(simulation, reporter)
         return Server(simulation, self._make_ports(simulation), report=reporter.event, loop=loop)
@@ -90,7 +90,7 @@ class SerialRun(Run[Line]):
         return ports
 
     def recording(
-        self, simulation: Line, path: str, loop: Loop, on_failure: Callable[[str], None]
+        self, simulation: Line, path: str, loop: LoopShare, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Bursts of bytes, in hex and in words."""
         explain = catalog.find_model(self.specs[0].model).explain
