@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from scripts import bench_can, bench_msc, bench_ratios
+from scripts import bench_can, bench_mn400, bench_msc, bench_ratios
 from scripts.bench_line import (
     ECHO_PTY,
     Dialogue,
@@ -82,6 +82,7 @@ CARRIERS = {
     "serial": compare_serial,
     "can": bench_can.compare_can,
     "msc": bench_msc.compare_msc,
+    "mn400": bench_mn400.compare_mn400,
     "ratios": bench_ratios.compare_ratios,
 }
 
@@ -90,7 +91,7 @@ def main() -> None:
     """Run the comparisons."""
     parser = argparse.ArgumentParser(description=__doc__, prog="scripts/bench")
     parser.add_argument(
-        "carriers", nargs="*", metavar="serial|can|msc|ratios", help="which (default: all)"
+        "carriers", nargs="*", metavar="serial|can|msc|mn400|ratios", help="which (default: all)"
     )
     parser.add_argument("--seconds", type=float, default=1.0, help="length of a slice (default 1)")
     options = parser.parse_args()

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import serial
+from scripts import bench_mn400
 from scripts.bench_msc import ACK, DIALOGUES, MODEL
 from scripts.bench_tools import SLICES, Exchange
 
@@ -131,6 +132,19 @@ def contestants() -> Iterator[tuple[str, list[Contestant]]]:
         ],
     )
     quick = "mac23:0?quirk.reply_latency_us=0"
+    group = [Contestant("MAC, 20h", quick)]
+    for name, dialogue in bench_mn400.DIALOGUES.items():
+        group.append(
+            Contestant(
+                f"MN400, {name}",
+                f"{bench_mn400.MODEL}?quirk.response_delay_ms=0",
+                baudrate=9600,
+                data=dialogue.request,
+                size=len(dialogue.answer),
+                expects=len(dialogue.answer),
+            )
+        )
+    yield "MN400", group
     group = [Contestant("MAC, 20h", quick)]
     for name, dialogue in DIALOGUES.items():
         for kind, device in (("alone", MODEL), ("of two", f"{MODEL},msc-250:2")):

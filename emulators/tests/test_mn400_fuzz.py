@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 from mn400_bench import Mn400Bench
+from mn400_lines import drawn_line
 
-from axistwin.devices.mn400.grammar import COMMANDS
 from axistwin.devices.mn400.inputs import NAMES
 from axistwin.devices.mn400.link.packets import packet
 from axistwin.devices.mn400.quirks import QUIRKS
@@ -21,20 +21,6 @@ def drawn_quirks(rng: random.Random) -> dict[str, Any]:
         for name, quirk in QUIRKS.items()
         if quirk.kind in ("choice", "bool") and rng.random() < 0.3
     }
-
-
-def drawn_line(rng: random.Random) -> bytes:
-    """A command with more or less fitting parameters."""
-    letter = rng.choice(
-        [*(letter for letter in COMMANDS if letter != "."), *"MMMVV(({}QAKH", "\x04", "W"]
-    )
-    count = rng.choice((0, 1, 1, 2, 4, 5, 6, 7))
-    command = COMMANDS.get(letter)
-    if command is not None and rng.random() < 0.7:
-        count = len(command.parameters)
-    numbers = ("", "0", "1", "-1", "2", "4", "50", "100", "-100", "300", "-3000", "5000", "99999")
-    line: str = letter + ",".join(rng.choice(numbers) for _ in range(count))
-    return line.encode()
 
 
 def act(bench: Mn400Bench, rng: random.Random) -> None:

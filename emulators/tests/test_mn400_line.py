@@ -1,5 +1,7 @@
 """An MN400 on its serial line: packets, errors, addresses, rates, several boards."""
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -262,6 +264,65 @@ def test_boards_hold_and_start_together() -> None:
     bench.wait(9000)
     where = [list(device.position_at(bench.now)) for device in bench.devices]
     assert where == [[1000, 2000, 3000, 4000], [9000, 2500, 0, 0], [0, 0, 0, 0]]
+
+
+def spans(bench: Mn400Bench) -> list[tuple[int, int]]:
+    """When which packet is on the line, from first to last bit, in the order of time."""
+    length = bench.device.line_format.span_ns
+    return sorted(
+        (start_ns, start_ns + length(len(data)))
+        for device in bench.devices
+        for start_ns, data in device.sent
+    )
+
+
+def test_held_motions_start_at_one_instant() -> None:
+    """When K for all is complete, whatever the boards answer, and when (MN4-CMD-K-03)."""
+    bench = Mn400Bench(1, 2, 3)
+    bench.say("H", number=0, milliseconds=500)
+    assert bench.say("M1000,2000,3000,4000", number=1) == "S D"
+    assert bench.say("A-1000,0,-2000,0,1", number=3) == "S D"
+    heard_ns = bench.send(packet(0, b"K"))
+    bench.wait(200)
+    motions = [device.mover.motion_at(bench.now) for device in bench.devices]
+    assert [motion and motion.since_ns for motion in motions] == [heard_ns, None, heard_ns]
+
+
+@pytest.mark.parametrize(
+    "line", ["*", "K", "M5", "E", "E1", "N", "S", "?", ":", "[", "/", "R", "X3"]
+)
+def test_replies_to_a_command_for_all_do_not_overlap(line: str) -> None:
+    """On one pair, whatever is answered (MN4-DROP-02, MN4-DROP-04)."""
+    bench = Mn400Bench(1, 2, 3)
+    bench.ask(packet(0, line.encode()), 60_000)
+    on_line = spans(bench)
+    assert len(on_line) >= 3
+    assert all(before[1] <= after[0] for before, after in pairwise(on_line))
+
+
+@pytest.mark.parametrize(
+    ("payload", "heard"),
+    [
+        ("4C 31 05 32", "S PE"),  # within a parameter
+        ("4C 01 02", "S PE"),  # no board sends two codes
+        ("4C 31 06", ""),  # as a board of the same number tells a value
+        ("4C 31 06 00", ""),
+        ("4C 05 00", ""),  # as it says DONE
+        ("4C 05", ""),
+    ],
+)
+def test_a_reply_is_told_from_a_mistake_by_its_form(payload: str, heard: str) -> None:
+    """On a shared pair; alone, or for all, only a host can have sent it (MN4-DROP-10)."""
+    line = bytes.fromhex(payload)
+    assert told(Mn400Bench(1, 2).ask(packet(1, line))) == heard
+    assert told(Mn400Bench(1).ask(packet(1, line))) == "S PE"
+    assert told(Mn400Bench(1, 2).ask(packet(0, line))) == "S PE S PE"
+
+
+def test_a_packet_behind_a_rate_that_stays_is_not_lost() -> None:
+    """The board goes on hearing while it answers (MN4-PKT-08, MN4-CMD-BAUD-04)."""
+    heard = Mn400Bench().ask(packet(1, b"~0") + packet(1, b"*") * 3, 200)
+    assert told(heard) == "S BC S PR S PR S PR"
 
 
 def test_boards_of_one_number_collide_but_do_not_take_replies_for_requests() -> None:

@@ -175,6 +175,15 @@ def test_no_interval_is_shorter_than_speed_and_acceleration_allow(motion: Vector
         assert gain <= limit + rounding
 
 
+@pytest.mark.parametrize("phase", ["half", "zero", "full"])
+@pytest.mark.parametrize("multiplex", [1, 2, 4])
+def test_the_multiplex_leaves_the_major_axis_its_times(multiplex: int, phase: str) -> None:
+    """Its k-th step is when the speed has summed up to k, at each m-th tick (ledger §5.1, §5.2)."""
+    made = MoveSettings(rules(dda_phase=phase), speed=500, multiplex=multiplex)
+    motion = straight(0, made, (7, 100, -100, 99))
+    assert times(motion, 1) == times(motion, 2) == [k * S // 500 for k in range(1, 101)]
+
+
 @given(displacements, profiles, st.integers(2, 30_000), st.sampled_from([1, 2, 4]))
 @settings(max_examples=80)
 def test_mirrored_input_gives_mirrored_output(

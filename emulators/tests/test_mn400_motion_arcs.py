@@ -1,6 +1,7 @@
 """Arcs and helices of the MN400 (ledger §5.3, §5.4)."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from math import atan2, cos, hypot, pi, sin, tau
 
 import pytest
@@ -284,6 +285,33 @@ def test_the_helix_of_the_manual_turns_four_and_a_half_times() -> None:
     assert motion.position_at(end(motion) * 8 // 9) == (0, -444, 0, 0)
     assert motion.position_at(end(motion)) == (-2000, -500, 0, 0)
     assert len(list(motion.steps(0, 0, end(motion)))) == 9 * 2000
+
+
+def test_a_helix_that_mostly_traverses_does_so_evenly() -> None:
+    """The traverse has most steps, one with each tick; the circle goes with it (ledger §5.4)."""
+    motion = helix(0, MoveSettings(), PLANE, (-50, 0), (0, 0), True, 1000)
+    assert end(motion) == S // 2
+    steps = [step.at_ns for step in motion.steps(1, 0, end(motion))]
+    assert len(steps) == 1000
+    assert {b - a for a, b in pairwise(steps)} == {S // 2000}
+    for axis in (0, 2):
+        times = [step.at_ns for step in motion.steps(axis, 0, end(motion))]
+        assert all(b - a > S // 2000 for a, b in pairwise(times))
+    middle = motion.position_at(end(motion) // 4)
+    assert middle[1] == 250
+    assert max(abs(middle[0] + 50), abs(middle[2] + 50)) <= 1
+
+
+def test_a_helix_and_its_mirror_image_step_at_the_same_nanoseconds() -> None:
+    """Also where floats are rounded: at 2 steps/s each bit of them is seen."""
+    made = MoveSettings(speed=2)
+    here = helix(0, made, PLANE, (51, 10), (0, 0), True, 365, 2)
+    there = helix(0, made, PLANE, (-51, -10), (0, 0), True, -365, 2)
+    for axis in range(4):
+        mirrored = [
+            step._replace(direction=-step.direction) for step in there.steps(axis, 0, end(there))
+        ]
+        assert list(here.steps(axis, 0, end(here))) == mirrored
 
 
 def test_a_helix_of_only_a_traverse_is_a_straight_line() -> None:

@@ -9,14 +9,15 @@ from itertools import pairwise
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from mn400_motions import S, end, negated, rules
+from mn400_motions import Recorder, S, end, negated, rules
 
 from axistwin.devices.mn400.motion import (
     ContourSegment,
-    MotorStep,
     MoveSettings,
+    Plane,
     SpeedProfile,
     VectorMotion,
+    arc,
     contour,
     straight,
 )
@@ -45,26 +46,6 @@ interruptions = st.lists(
     st.tuples(st.integers(0, 1000), st.integers(0, 400_000_000)), min_size=1, max_size=5
 )
 """(when in per mille of what is left to go, for how long in ns)"""
-
-
-class Recorder:
-    """Follows a motion through its changes and keeps all steps."""
-
-    def __init__(self, motion: VectorMotion) -> None:
-        self.motion = motion
-        self.since_ns = motion.since_ns - 1
-        self.steps: list[list[MotorStep]] = [[], [], [], []]
-
-    def until(self, now_ns: int) -> VectorMotion:
-        """Take the steps up to ``now_ns``; the motion, to be changed then."""
-        for axis in range(4):
-            self.steps[axis] += self.motion.steps(axis, self.since_ns, now_ns)
-        self.since_ns = now_ns
-        return self.motion
-
-    def positions(self) -> tuple[int, ...]:
-        """Where the steps lead."""
-        return tuple(sum(step.direction for step in steps) for steps in self.steps)
 
 
 def interrupted(motion: VectorMotion, breaks: Sequence[tuple[int, int]]) -> Recorder:
@@ -259,6 +240,35 @@ def test_planning_anew_at_the_same_speed_changes_nothing(motion: VectorMotion, s
             again.position_at(later_ns), motion.position_at(later_ns), strict=True
         ):
             assert abs(here - there) <= 1
+
+
+def test_a_step_that_is_near_when_the_motion_is_changed_is_made_behind_the_change() -> None:
+    """Half a nanosecond ahead at full speed: not before the pot is turned, and not lost."""
+    made = MoveSettings(profile=SpeedProfile(5000, 5000, 1), speed=686, feed_permille=500)
+    motion = straight(0, made, (400, 0, 0, 0))
+    for n in range(1, 100):
+        at_ns = n * S // 343  # a part of a nanosecond before step n
+        faster = motion.override(at_ns, 1000)
+        steps = [*motion.steps(0, -1, at_ns), *faster.steps(0, at_ns, end(faster))]
+        assert faster.position_at(at_ns) == motion.position_at(at_ns)
+        assert len(steps) == 400
+
+
+def test_a_pause_does_not_stop_a_hair_before_a_step() -> None:
+    """Backlash is taken up to the end, behind which an arc would go on at once."""
+    made = MoveSettings(
+        profile=SpeedProfile(28, 16041, 297), speed=746, lash=(0, 0, 0, 7), lash_memory=(-1,) * 4
+    )
+    motion = arc(0, made, Plane(1, 3, 2), (-125, -150), (-188, -335), False)
+    first_ns = motion.step_time_ns(3, 1)
+    assert first_ns is not None
+    for part in range(1, 200):
+        at_ns = first_ns * part // 200
+        paused = motion.pause(at_ns)
+        stood_ns = paused.rest_ns
+        assert stood_ns is not None
+        resumed = paused.resume(stood_ns + S)
+        assert resumed.made_at(stood_ns + S) == paused.made_at(stood_ns + S)
 
 
 def test_the_pot_scales_the_programmed_speed() -> None:

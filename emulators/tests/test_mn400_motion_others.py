@@ -304,7 +304,7 @@ def test_more_steps_than_pulses_are_several_steps_a_pulse() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ratio", "multiplex", "position"), [("major_step", 4, 10), ("tick", 4, 3)]
+    ("ratio", "multiplex", "position"), [("major_step", 4, 10), ("tick", 4, 2)]
 )
 def test_a_move_on_pulses_makes_a_step_or_a_tick_with_each(
     ratio: str, multiplex: int, position: int

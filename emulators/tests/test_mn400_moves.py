@@ -321,6 +321,15 @@ def test_measurements_count_phantom_steps(multiplex: int, count: int) -> None:
     assert bench.value("E1", milliseconds=200).endswith(",0")
 
 
+def test_the_measurement_of_the_manual_is_1500_steps_a_second() -> None:
+    """E1, a multiplex of 2 and a count of 300 (MN4-MEA-02)."""
+    bench = Mn400Bench()
+    bench.say("X2", "V1500", "M20000,10000")
+    bench.wait(200)
+    *_, told = bench.value("E1", milliseconds=200).split(",")
+    assert abs(int(told) - 300) <= 2
+
+
 # ---- backlash ----
 
 

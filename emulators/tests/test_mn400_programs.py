@@ -160,6 +160,29 @@ def test_a_full_memory_is_told_and_keeps_what_it_has() -> None:
     assert bench.say("R") == "S M1,2,3,4 M1,2,3,4"
 
 
+def test_a_full_store_keeps_what_is_there() -> None:
+    """8 KiB, to the last byte that fits; half entered anew, the old one is there after power-up."""
+    bench = Mn400Bench(paced=False, response_delay_ms=0)
+    configured(bench, "V500", "L1,2,3,4")
+    bench.say("Z")
+    lines = [f"M{number},{-number}" + ",99999" * (number % 3) for number in range(1000)]
+    answers = [bench.say(line, milliseconds=1) for line in lines]
+    room = 8192 - len("V500L1,2,3,4") - 2
+    kept: list[str] = []
+    for line, answer in zip(lines, answers, strict=True):
+        fits = sum(map(len, kept)) + len(kept) + len(line) + 1 <= room
+        assert answer == ("S D" if fits else "S MF"), line
+        kept += [line] * fits
+    assert "S MF" in answers
+    assert bench.say("\x04") == "S D"
+    for _ in range(2):
+        assert bench.say("R") == " ".join(["S", *kept])
+        assert {bench.say("Z"), bench.say(lines[0])} == {"S D"}
+        bench.power_cycle()
+        assert bench.wait(100)
+        assert bench.value("E") == "1,2,3,4"
+
+
 def test_a_power_cycle_brings_every_default_back() -> None:
     """MN4-PWR-01, MN4-PWR-02."""
     bench = Mn400Bench()

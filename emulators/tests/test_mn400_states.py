@@ -67,10 +67,10 @@ REPLIES = {
 ENTERED = {("A", "MOV"): "QUE", ("Z", "RDY"): "PRG"}
 
 
-def reach(state: str) -> Mn400Bench:
-    """A board in ``state``."""
+def reach(state: str, *first: str) -> Mn400Bench:
+    """A board in ``state``, told ``first`` before."""
     bench = Mn400Bench()
-    for line in REACHED[state]:
+    for line in (*first, *REACHED[state]):
         assert bench.say(line) == "S D"
     assert bench.device.describe(bench.now).state == state
     return bench
@@ -167,6 +167,55 @@ def test_a_wrong_sum_has_no_effect_in_any_state(state: str) -> None:
     bench = reach(state)
     assert bench.ask(bytes.fromhex("81 51 81 52")) == bytes.fromhex("81 51 07 00 81 5A")
     assert bench.device.describe(bench.now).state == state
+
+
+ABORTED = ("ABT", "2", "1")
+HALTED = ("ABT", "0", "1")
+EVENTS = {
+    "limit": {
+        **dict.fromkeys(("MOV", "QUE", "CCX", "THR", "RUN"), ABORTED),
+        **{state: (state, "0", "0") for state in ("RDY", "PAU", "PRG", "CFG", "HPD", "JOG")},
+    },
+    "shield": {
+        **dict.fromkeys(("MOV", "QUE", "CCX", "THR", "RUN", "PAU"), HALTED),
+        **{state: (state, "0", "0") for state in ("RDY", "PRG", "CFG", "HPD", "JOG")},
+    },
+    "shield with ;1": {
+        **dict.fromkeys(("MOV", "QUE", "CCX", "THR", "RUN", "PAU"), ("PAU", "0", "0")),
+        **{state: (state, "0", "0") for state in ("RDY", "PRG", "CFG", "HPD", "JOG")},
+    },
+}
+"""Ledger §4.2: the state, the exit code and the abort flag behind an event."""
+
+
+@pytest.mark.parametrize("event", EVENTS)
+def test_events_lead_where_the_second_table_says(event: str) -> None:
+    """A limit towards which it goes, and the shield by either mode, in every state."""
+    for before, (after, exit_code, flag) in EVENTS[event].items():
+        bench = reach(before, *([";1"] if event.endswith("1") else []))
+        bench.switch("m1_plus" if event == "limit" else "shield")
+        bench.wait(100)
+        seen = bench.device.describe(bench.now)
+        assert (before, seen.state, str(seen.exit_code)) == (before, after, exit_code)
+        assert bench.device.flag_at(bench.now, "stop") == (flag == "1")
+        if after == "PAU" and event.endswith("1") and before != "PAU":
+            bench.switch("shield", on=False)
+            assert bench.device.describe(bench.now).state == before
+        if before == "HPD":
+            assert bench.say("K") == "S D"
+            stood = bench.peek()
+            code = bench.device.describe(bench.now).exit_code
+            bench.wait(100)
+            assert (bench.peek(), code) == (stood, 2 if event == "limit" else 0)
+            assert stood == [0, 0, 0, 0]
+        if before == "PAU" and event == "limit":
+            stood = bench.peek()
+            bench.say("}")
+            assert bench.value("/") == "2"
+            assert bench.peek() == stood
+        if before == "PAU" and event.endswith("1"):
+            bench.switch("shield", on=False)
+            assert bench.device.describe(bench.now).state == "PAU", "{ is not taken back"
 
 
 @pytest.mark.parametrize("state", REACHED)

@@ -291,11 +291,13 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
             return False
         line.now_ns = schedule.now = now
         effects: Sequence[Effect] = device.receive(Chunk(now, data, None))
-        if len(effects) == 1 and device.line_format is self._formats[0]:
-            (effect,) = effects
-            if type(effect) is Transmit and effect.start_ns <= now:
+        if device.line_format is self._formats[0] and all(
+            type(effect) is Transmit and effect.start_ns <= now for effect in effects
+        ):
+            for effect in effects:
+                assert isinstance(effect, Transmit)
                 self._host_hears(effect.data)
-                effects = ()
+            effects = ()
         self.apply(0, effects)
         schedule.touch(0)
         return True

@@ -30,7 +30,7 @@ from axistwin.devices.mn400.grammar import (
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.link.packets import REASONS, ReturnCode
-from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin, Port
+from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin, Port, status_part
 from axistwin.devices.mn400.link.sender import Message, ReplyPart
 from axistwin.devices.mn400.mover import MotionOutcome, Mover, QueueFullError, Waiting
 from axistwin.devices.mn400.orders import MotionOrder, StoredSegment, change_of
@@ -201,7 +201,7 @@ class Interpreter:
         return Answer([*parts, self._status(command, code)], code)
 
     def _status(self, command: int, code: ReturnCode) -> ReplyPart:
-        return ReplyPart(Message(self._port.address, command, code))
+        return status_part(self._port.address, command, code)
 
     def _started(self, line: BoardLine, code: ReturnCode) -> Answer:
         """START and ``code``, which may have to wait for the end of a motion (rule 3)."""

@@ -179,9 +179,10 @@ class Mn400Board:
         return _FORMATS[self._rate]
 
     def set_rate(self, number: int) -> None:
-        """Change the rate, 0..4; what there is of a packet is forgotten."""
-        self._rate = number
-        self._receiver.reset()
+        """Set the rate, 0..4; if it changes, what there is of a packet is forgotten."""
+        if number != self._rate:
+            self._rate = number
+            self._receiver.reset()
 
     def quiet_prefix(self, data: bytes) -> int:
         """How many leading bytes of ``data`` surely cause no effect."""
@@ -193,7 +194,8 @@ class Mn400Board:
             return []
         self._is_paced = chunk.format is not None
         for request in self._receiver.receive(chunk):
-            if not self.is_full_duplex and packets.is_reply(request.payload):
+            is_shared = not self.is_full_duplex and not request.is_for_all
+            if is_shared and packets.is_reply(request.payload):
                 continue  # of a board with the same number, on the same pair (MN4-DROP-10)
             self._run_until(request.time_ns)
             self._serve(request)
@@ -294,15 +296,14 @@ class Mn400Board:
         """When anything is next to be done."""
         if not self._powered:
             return NEVER
-        dues = (
+        return min(
             self._receiver.next_event(),
             self._serial.next_event(),
             self._usb.next_event(),
             self.mover.next_event(),
             self.jogger.next_event(),
-            self._config_due(),
+            self._config_due() if self._config else NEVER,
         )
-        return min(dues)
 
     def _config_due(self) -> Nanos:
         """When the next line of the configuration program runs (rule 2)."""
@@ -391,6 +392,7 @@ class Mn400Board:
         """All that is volatile is as at power-up."""
         self.address = 1
         self.set_rate(0)
+        self._receiver.reset()
         self._config.clear()
         self._serial.reset(now)
         self._usb.reset(now)

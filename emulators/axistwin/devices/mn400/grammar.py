@@ -195,8 +195,10 @@ def arguments(command: BoardCommand, text: bytes, quirks: Mn400Quirks) -> Argume
 
     Those of axes that the board does not have are omitted.
     """
-    fields = text.split(b",") if text else []
     wanted = command.parameters
+    if not (text or wanted):
+        return ()
+    fields = text.split(b",") if text else []
     if len(fields) > len(wanted) and quirks.extra_params == "para_error":
         raise ParameterError
     numbers = [_number(field) for field in fields][: len(wanted)]

@@ -68,7 +68,9 @@ class Jogger:
 
     def next_event(self) -> Nanos:
         """When a motion ends, or a tap becomes continuous."""
-        return min((self._due(press) for press in self._presses.values()), default=NEVER)
+        if not self._presses:
+            return NEVER
+        return min(self._due(press) for press in self._presses.values())
 
     def _due(self, press: JogPress) -> Nanos:
         if press.motion is None:

@@ -11,6 +11,7 @@ Rules
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final, TypeAlias
 
 from axistwin.devices.mn400.grammar import SPEED_MAX, SPEED_MIN, Arguments, ParameterError
@@ -147,7 +148,7 @@ class StoredSegment:
     speed: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class MotionOrder:
     """One motion command: its character, parameters and settings; of a contour its segments."""
 
@@ -157,7 +158,7 @@ class MotionOrder:
     segments: tuple[StoredSegment, ...] = ()
     margin: int = 0
 
-    @property
+    @cached_property
     def is_paced(self) -> bool:
         """Whether it advances with external pulses alone."""
         speeds = [segment.speed for segment in self.segments] or [self.settings.speed]

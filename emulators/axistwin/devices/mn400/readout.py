@@ -64,7 +64,7 @@ class ReadOut:
     def value(self, line: BoardLine, letter: str, given: Arguments) -> Answer:
         """START, and a value (rule 3)."""
         address, command, give = self._port.address, line.command, self._values[letter]
-        start = status_part(self._port, line, ReturnCode.START)
+        start = status_part(address, command, ReturnCode.START)
         measured_ms = MEASURES_MS.get(given[0] or 0) if letter == "E" else None
         if measured_ms is not None:
             return Answer([start, *self._measure(line, measured_ms)])
@@ -113,10 +113,10 @@ class ReadOut:
             texts = [" ".join(texts)]
         if quirks.readprogram_end == "empty_line":
             texts.append("")
-        parts = [status_part(self._port, line, ReturnCode.START)]
+        parts = [status_part(address, command, ReturnCode.START)]
         parts += [ReplyPart(Message(address, command, value=text)) for text in texts]
         if quirks.readprogram_end == "done":
-            parts.append(status_part(self._port, line, ReturnCode.DONE))
+            parts.append(status_part(address, command, ReturnCode.DONE))
         return Answer(parts)
 
     def retransmit(self, line: BoardLine) -> Answer:

@@ -9,7 +9,9 @@ all bytes before it, both addresses included, without bit 7 (MN4-PKT-03).  A nul
 it: the sum never tells whether one is there.
 """
 
+import re
 from enum import IntEnum
+from functools import cache
 from typing import Final
 
 from axistwin.devices.mn400.quirks import Mn400Quirks
@@ -26,6 +28,7 @@ REPORT_BYTES: Final = 64
 PARSED_BYTES: Final = 48
 """Of a report, those that the board looks at (MN4-USB-02)."""
 
+_REPLY: Final = re.compile(rb".[\x20-\x7F]*[\x00-\x1F]\x00?", re.DOTALL)
 _TRAILERS: Final = {
     "06": b"\x06",
     "none": b"",
@@ -109,6 +112,11 @@ def completed(data: bytes) -> bytes:
 def status(address: int, command: int, code: int, quirks: Mn400Quirks) -> bytes:
     """A status packet (MN4-RSP-01, MN4-RSP-13)."""
     has_null = quirks.start_null if code in NULL_IS_SHOWN else quirks.outcome_null
+    return _status(address, command, code, has_null)
+
+
+@cache
+def _status(address: int, command: int, code: int, has_null: bool) -> bytes:
     return packet(address, bytes((command, code)) + b"\x00" * has_null)
 
 
@@ -126,8 +134,11 @@ def trailer(quirks: Mn400Quirks) -> bytes:
 
 
 def is_reply(payload: bytes) -> bool:
-    """Whether a board has sent it: there is a code behind the command (MN4-DROP-10)."""
-    return len(payload) > 1 and min(payload[1:]) < 0x20
+    """Whether a board may have sent it: it ends with a code, maybe a null (MN4-DROP-10).
+
+    Any other control character is a host's mistake in a parameter (MN4-PAR-02).
+    """
+    return _REPLY.fullmatch(payload) is not None
 
 
 def report(content: bytes) -> bytes:

@@ -1,6 +1,7 @@
 """What a command is, on its way from a port to what obeys it, and its answer on the way back."""
 
 from enum import Enum
+from functools import cache
 from typing import NamedTuple, Protocol
 
 from axistwin.devices.mn400.link.packets import ReturnCode
@@ -48,6 +49,7 @@ class BoardLine(NamedTuple):
     is_for_all: bool = False
 
 
-def status_part(port: Port, line: BoardLine, code: ReturnCode) -> ReplyPart:
-    """A status packet from the present number of the board."""
-    return ReplyPart(Message(port.address, line.command, code))
+@cache
+def status_part(address: int, command: int, code: ReturnCode) -> ReplyPart:
+    """A status packet, which says the same whenever it is sent."""
+    return ReplyPart(Message(address, command, code))

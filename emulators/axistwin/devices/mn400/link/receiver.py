@@ -13,15 +13,19 @@ Rules
    is the right sum of all, that packet has two different addresses, or no command.
 """
 
+import re
 from collections.abc import Callable
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from axistwin.devices.mn400.link.packets import ADDRESS_BIT, EVERYBODY
 from axistwin.devices.mn400.quirks import Mn400Quirks
 from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.wire.framing import Chunk
+
+_WHOLE: Final = re.compile(rb"([\x80-\xFF])([\x00-\x7F]+)\1[\x00-\x7F]")
+"""A packet and nothing else, which most of what comes is."""
 
 
 class Flaw(Enum):
@@ -121,7 +125,9 @@ class PacketReceiver:
         self._address = address
         self._ends_raw = ends_raw
         self._timeout_ns = quirks.rx_timeout_ms * NS_PER_MS + skew_ns
-        self._frame = _Frame(quirks.rx_payload_max, is_doubtful=quirks.mn100_codes)
+        self._payload_max = quirks.rx_payload_max
+        self._is_doubtful = quirks.mn100_codes
+        self._frame = _Frame(self._payload_max, is_doubtful=self._is_doubtful)
         self._due = NEVER
 
     def reset(self) -> None:
@@ -145,6 +151,9 @@ class PacketReceiver:
 
     def receive(self, chunk: Chunk) -> list[Request]:
         """Take the bytes of ``chunk``; the packets for this board that are complete now."""
+        if self._is_whole(chunk.data):
+            self._due = NEVER
+            return self._taken_whole(chunk)
         requests = []
         frame, raw = self._frame, self._ends_raw()
         for place, byte in enumerate(chunk.data):
@@ -159,6 +168,25 @@ class PacketReceiver:
         last_ns = chunk.arrival_ns(len(chunk.data) - 1)
         self._due = last_ns + self._timeout_ns if frame.opening else NEVER
         return requests
+
+    def _is_whole(self, data: bytes) -> bool:
+        """Whether ``data`` is a packet and nothing else, whatever the readings."""
+        if self._frame.opening or self._is_doubtful or self._ends_raw():
+            return False
+        return _WHOLE.fullmatch(data) is not None
+
+    def _taken_whole(self, chunk: Chunk) -> list[Request]:
+        """The packet that ``chunk`` is, if it is for this board."""
+        opening, payload = chunk.data[0], chunk.data[1:-2]
+        if not self._concerns(opening):
+            return []
+        flaw = Flaw.NONE
+        if len(payload) > self._payload_max:
+            payload, flaw = payload[: self._payload_max], Flaw.TOO_LONG
+        elif sum(chunk.data[:-1]) & 0x7F != chunk.data[-1]:
+            flaw = Flaw.CHECKSUM
+        at_ns = chunk.arrival_ns(len(chunk.data) - 1)
+        return [Request(at_ns, payload, flaw, opening == ADDRESS_BIT)]
 
     def _concerns(self, opening: int) -> bool:
         return opening & ~ADDRESS_BIT in (EVERYBODY, self._address())
@@ -177,6 +205,8 @@ class PacketReceiver:
 
     def quiet_prefix(self, data: bytes) -> int:
         """How many leading bytes of ``data`` complete no packet for this board."""
+        if self._is_whole(data):
+            return len(data) - self._concerns(data[0])
         frame, raw = self._frame.copy(), self._ends_raw()
         for place, byte in enumerate(data):
             if not frame.opening and byte in raw:

@@ -9,18 +9,18 @@ Rules
    one step in a tick (MN4-ARC-03, MN4-ARC-04).
 3. The traverse follows the swept angle of all turns, not the ticks (MN4-HEL-02): its n-th step
    lies where the angle is (n - 1/2)/|zd| of the whole, between the ticks if need be.
-4. A helix takes as many ticks as the circle or the traverse, whichever are more; the other is
-   spread over them.
+4. A helix takes as many ticks as the circle or the traverse, whichever are more.  If the traverse,
+   it is the traverse that steps with each tick, and x goes with the angle: both are even.
 5. ``arc_rate`` tangential: x is the length along the circle in place of ticks (MN4-AMB-27).
 """
 
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import tau
+from math import atan2, tau
 from typing import NamedTuple
 
-from axistwin.devices.mn400.motion.circle import LatticeCircle, clockwise_angle
+from axistwin.devices.mn400.motion.circle import LatticeCircle
 from axistwin.devices.mn400.motion.lookahead import Stretch
 from axistwin.devices.mn400.motion.motion import VectorMotion
 from axistwin.devices.mn400.motion.moves import Part, assembled, compensation
@@ -67,7 +67,8 @@ class ArcPath:
     traverse: int
     length: int
     """Where the arc ends, in fixed point."""
-    is_tangential: bool
+    is_by_angle: bool
+    """x goes with the swept angle, not with the ticks of the circle."""
     is_commanded: bool = True
 
     @property
@@ -99,8 +100,7 @@ class ArcPath:
     def taken(self, axis: int, x: int) -> int:
         """Steps up to and including ``x``."""
         if self._is_traverse(axis):
-            numbers = range(1, self.total(axis) + 1)
-            return bisect_right(numbers, x, key=self._place_of_traverse)
+            return self._traversed(x) if self.traverse else 0
         if (shift := self._shift(axis)) is None:
             return 0
         tick = self._tick_at(x)
@@ -162,32 +162,50 @@ class ArcPath:
 
     def _place_of_tick(self, tick: int) -> int:
         """x at the end of ``tick`` [0..ticks]."""
-        if not self.is_tangential:
+        if not self.is_by_angle:
             return -(-tick * self.length // self.ticks)
-        circle, first, ticks, sweep = self.turn
-        swept = circle.angle_at(first + min(tick, ticks)) - circle.angle_at(first)
-        x = min(self.length, int(self.length * (swept / sweep)))
-        if tick > ticks:
-            x += (self.length - x) * (tick - ticks) // self.tail.ticks
-        return self.length if tick == self.ticks else x
+        circle, first, ticks, _ = self.turn
+        x = self.length * ticks // self.ticks
+        if tick >= ticks:
+            return x + (self.length - x) * (tick - ticks) // max(1, self.tail.ticks)
+        first %= circle.quarter  # each quarter alike, also where floats are rounded
+        start = circle.smooth_angle(first)
+        swept, whole = (circle.smooth_angle(first + n) - start for n in (tick, ticks))
+        return min(x, int(x * (swept / whole)))
 
     def _tick_at(self, x: int) -> int:
         """The last tick that ends up to ``x``."""
         if not self.ticks:  # it ends where it begins (MN4-AMB-29)
             return 0
-        if not self.is_tangential:
+        if not self.is_by_angle:
             return min(x * self.ticks // self.length, self.ticks)
         return bisect_right(range(1, self.ticks + 1), x, key=self._place_of_tick)
+
+    def _traversed(self, x: int) -> int:
+        """Steps of the traverse motor up to ``x``."""
+        circle, first, _, sweep = self.turn
+        share = min(max(x, 0) / self.length, 1.0)
+        if sweep and not self.is_by_angle:
+            first %= circle.quarter
+            start = circle.smooth_angle(first)
+            whole = circle.smooth_tick(start + sweep) - first
+            share = (circle.smooth_angle(first + whole * share) - start) / sweep
+        n, last = int(abs(self.traverse) * share + 0.5), abs(self.traverse)
+        while n < last and self._place_of_traverse(n + 1) <= x:
+            n += 1
+        while n and self._place_of_traverse(n) > x:
+            n -= 1
+        return n
 
     def _place_of_traverse(self, n: int) -> int:
         """x of the ``n``-th step of the traverse motor."""
         circle, first, _, sweep = self.turn
         share = (2 * n - 1) / (2 * abs(self.traverse))
-        if sweep and not self.is_tangential:
-            start = circle.angle_at(first)
-            ticks = circle.smooth_tick(start)
-            whole = circle.smooth_tick(start + sweep) - ticks
-            share = (circle.smooth_tick(start + sweep * share) - ticks) / whole
+        if sweep and not self.is_by_angle:
+            first %= circle.quarter
+            start = circle.smooth_angle(first)
+            whole = circle.smooth_tick(start + sweep) - first
+            share = (circle.smooth_tick(start + sweep * share) - first) / whole
         return min(self.length, int(self.length * share))
 
 
@@ -301,6 +319,7 @@ def arc_path(
     is_tangential = rules.arc_rate == "tangential" and not is_pulsed
     if is_tangential:
         length = int(sweep * _square(start) ** 0.5 * ONE)
+    is_led_by_traverse = sweep > 0 and abs(traverse) << FINE > length
     return ArcPath(
         plane,
         Turn(circle, first, ticks, sweep),
@@ -308,7 +327,7 @@ def arc_path(
         is_clockwise,
         traverse,
         max(length, abs(traverse) << FINE),
-        is_tangential,
+        is_tangential or is_led_by_traverse,
     )
 
 
@@ -321,7 +340,7 @@ def _final_sweep(
     turn = 4 * circle.quarter
     if cross == 0 and ahead > 0:
         return (tau, turn) if is_full_at_zero else (0.0, 0)
-    sweep = (clockwise_angle(*goal) - clockwise_angle(*start)) % tau
+    sweep = atan2(-cross, ahead) % tau
     ticks = (circle.tick_at(*goal) - circle.tick_at(*start)) % turn
     # Where rounding took both to one point of the lattice, or past it, the angle decides.
     if cross < 0 and ticks > 3 * circle.quarter:

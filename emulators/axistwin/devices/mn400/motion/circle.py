@@ -19,7 +19,7 @@ earlier: y(i) = x(i + Q).
 """
 
 from dataclasses import dataclass
-from math import atan2, cos, isqrt, pi, sin, sqrt, tau
+from math import asin, cos, isqrt, pi, sin, sqrt
 
 QUARTER = pi / 2
 SIGNS = (1, 1, -1, -1)
@@ -100,10 +100,18 @@ class LatticeCircle:
             ticks = self.quarter - radius * cos(inner)
         return number * self.quarter + ticks
 
-    def angle_at(self, tick: int) -> float:
-        """The angle of the point after ``tick`` ticks from the top, clockwise and not wrapped."""
-        turns = tick // (4 * self.quarter)
-        return turns * tau + clockwise_angle(self.across(tick), self.across(tick + self.quarter))
+    def smooth_angle(self, tick: float) -> float:
+        """The angle after ``tick`` ticks from the top, not wrapped: the inverse of smooth_tick.
+
+        It grows evenly, where that of the lattice point jumps.
+        """
+        number, inner = divmod(tick, self.quarter)
+        radius = self.quarter / sqrt(2)
+        if 2 * inner <= self.quarter:
+            angle = asin(inner / radius)
+        else:
+            angle = QUARTER - asin((self.quarter - inner) / radius)
+        return number * QUARTER + angle
 
     def _leaving(self, inner: int) -> int:
         """Of the axis that leaves zero: its place after ``inner`` ticks [0..Q] of a quarter."""
@@ -116,12 +124,6 @@ class LatticeCircle:
         if place <= self.handover:
             return place
         return self.quarter - isqrt(self.squared - place * place + place - 1)
-
-
-def clockwise_angle(x: int, y: int) -> float:
-    """The angle of (x, y) from the top, clockwise, in [0, 2π)."""
-    angle = atan2(x, y)
-    return angle if angle >= 0 else angle + tau
 
 
 def _nearest_root(square: int) -> int:

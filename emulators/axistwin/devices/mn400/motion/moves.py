@@ -92,7 +92,7 @@ def straight_part(
         multiplex = 1
     major = max(map(abs, displacement))
     path = StraightPath.over(
-        displacement, major * multiplex, settings.rules.dda_phase, is_commanded
+        displacement, major * multiplex, settings.rules.dda_phase, multiplex, is_commanded
     )
     stretch = Stretch(displacement, major << FINE, speed, multiplex, is_joined=is_joined)
     return Part(path, stretch, is_pulsed)

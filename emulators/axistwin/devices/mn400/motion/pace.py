@@ -24,7 +24,7 @@ from axistwin.devices.mn400.motion.timeline import FINE, ONE, Piece, Timeline
 from axistwin.kernel.time import Nanos
 
 NEAR = ONE >> 16
-"""A stop so near before the end is at the end; a speed so near to start speed is that."""
+"""A stop so near before a tick is at the tick; a speed so near to start speed is that."""
 
 
 class Pace(Protocol):
@@ -206,9 +206,11 @@ class TimedPace:
         return self._timeline(x, pieces)
 
     def _timeline(self, x: int, pieces: list[Piece]) -> Timeline:
-        """The timeline of ``pieces``, at the end if it is that near."""
+        """The timeline of ``pieces``; at the end, or behind a ramp at a tick, if it is near."""
         timeline = Timeline.of(x, pieces)
         missing = self.x1 - timeline.x1
+        if pieces and missing > 0:
+            missing = min(missing, -timeline.x1 % ONE)
         if not 0 < missing < NEAR:
             return timeline
         distance, v0, v1 = pieces[-1] if pieces else Piece(0, ONE, ONE)

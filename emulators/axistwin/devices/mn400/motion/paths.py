@@ -4,13 +4,14 @@ Rules
 -----
 1. A path knows, for each axis, the place of its n-th step and how many steps lie up to a place.
    Both are formulas; no path is walked.
-2. A straight path is the DDA of the ledger (§5.1): an accumulator per axis starts at N/2, each of
-   the N ticks adds |d|; at N or above N is subtracted and the axis steps.  So after j ticks
+2. A straight path is the DDA of the ledger (§5.1): an accumulator per axis starts at a phase, each
+   of the N ticks adds |d|; at N or above N is subtracted and the axis steps.  So after j ticks
 
        count(j) = floor((phase + j·|d|) / N)        tick(n) = ceil((n·N - phase) / |d|)
 
-   The major axis follows the same rule.  With a multiplex of m it therefore steps at each m-th
-   tick, half a step early: what keeps all axes within one step of the chord.
+   The phase is a share of what the major axis adds in a tick, half of it by default.  Hence with
+   each multiplex m and each phase the major axis makes its k-th step at tick k·m, which is when
+   ∫v dt = k (§5.2), and all axes stay within one step of the chord.  A share of N would do neither.
 3. Compensation of backlash is a path whose steps are not commanded.
 """
 
@@ -70,10 +71,15 @@ class StraightPath:
         displacements: Quad,
         ticks: int,
         dda_phase: Literal["half", "zero", "full"] = "half",
+        multiplex: int = 1,
         is_commanded: bool = True,
     ) -> "StraightPath":
-        """The path with the accumulators' start of that reading (MN4-AMB-65)."""
-        phase = {"half": ticks // 2, "zero": 0, "full": max(ticks - 1, 0)}[dda_phase]
+        """The path with the accumulators' start of that reading (MN4-AMB-65).
+
+        multiplex: the ticks of a step of the major axis.
+        """
+        added = ticks // multiplex
+        phase = {"half": added // 2, "zero": 0, "full": max(added - 1, 0)}[dda_phase]
         return cls(displacements, ticks, phase, is_commanded)
 
     @property

@@ -20,6 +20,7 @@ Units: x in 2^-40 ticks, v in 2^-40 ticks/s, t in 2^-32 ns.  An hour's rounding 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from math import isqrt
 from operator import attrgetter
 from typing import NamedTuple
@@ -79,7 +80,7 @@ class Piece(NamedTuple):
     v1: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Timeline:
     """Glides one behind the other from (t = 0, ``x0``) on; at their end the motion rests."""
 
@@ -99,24 +100,28 @@ class Timeline:
                 t = glide.time_of(x)
         return cls(x0, tuple(glides))
 
-    @property
+    @cached_property
     def x1(self) -> int:
         """Where the motion comes to rest."""
         return self.glides[-1].x1 if self.glides else self.x0
 
-    @property
+    @cached_property
     def duration_ns(self) -> Nanos:
         """How long it takes to rest."""
-        return nearest_ns(self.glides[-1].time_of(self.x1)) if self.glides else 0
+        return self.time_of(self.x1) or 0
 
     def time_of(self, x: int) -> Nanos | None:
-        """When ``x`` is reached, in ns from the start on; None: it is not."""
+        """When ``x`` is reached, in ns from the start on; None: it is not.
+
+        What lies ahead comes a nanosecond later at the earliest: a step that is near when a motion
+        is changed is a step of the motion that follows.
+        """
         if x <= self.x0:
             return 0
         if x > self.x1:
             return None
         index = bisect_left(self.glides, x, key=attrgetter("x1"))
-        return nearest_ns(self.glides[index].time_of(x))
+        return max(1, nearest_ns(self.glides[index].time_of(x)))
 
     def state_at(self, elapsed_ns: Nanos) -> tuple[int, int]:
         """(x, speed) after ``elapsed_ns`` >= 0; speed 0 only at the final rest."""
