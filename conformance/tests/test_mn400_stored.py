@@ -85,6 +85,7 @@ def test_a_sound_twin_conforms(neighbours: tuple[int, ...]) -> None:
     assert notes.count(NOT_READABLE) == (not neighbours or 1)
 
 
+UNREAD = "readprogram_end"  # no check depends on it, so that a run of these does not ask
 READINGS = [
     {"eof_byte": "14", "eof_framing": "raw", "prog_check": "run", "program_replies": "true",
      "readprogram_framing": "single", "nvm_commit": "per_line", "power_on_position": "77"},
@@ -101,7 +102,8 @@ def test_a_twin_of_other_readings_conforms_and_is_found_out(readings: dict[str, 
     """The probes tell the readings, and the checks hold the board to them."""
     result, _ = run(NAMES, quirks=readings)
     assert wrong(result) == []
-    assert {switch: result.readings.get(switch) for switch in readings} == readings
+    told = {switch: one for switch, one in readings.items() if switch != UNREAD}
+    assert {switch: result.readings.get(switch) for switch in told} == told
 
 
 @pytest.mark.strength(seconds=20)

@@ -26,6 +26,11 @@ from zoo_mn400.planting import (
 # --- what is taken for a packet -------------------------------------------------------------------
 
 
+def _byte_by_byte(patch: MonkeyPatch) -> None:
+    """Let no packet be taken at once, so that the faults of its bytes show."""
+    patch.setattr(PacketReceiver, "_is_whole", lambda receiver, data: False)
+
+
 def _sums(patch: MonkeyPatch, is_right: Any_) -> None:
     """Let `is_right(frame, given)` accept sums beside the right one."""
 
@@ -34,6 +39,7 @@ def _sums(patch: MonkeyPatch, is_right: Any_) -> None:
         is_taken = request.flaw is Flaw.CHECKSUM and is_right(receiver._frame, given)
         return request._replace(flaw=Flaw.NONE) if is_taken else request
 
+    _byte_by_byte(patch)
     around(patch, PacketReceiver, "_complete", act)
 
 
@@ -77,6 +83,7 @@ def _ends_at(patch: MonkeyPatch, is_end: Any_) -> None:
         found: int | None = go()
         return found
 
+    _byte_by_byte(patch)
     around(patch, _Frame, "take", act)
 
 
@@ -128,10 +135,11 @@ def the_second_address_may_be_any(patch: MonkeyPatch) -> None:
 def the_buffer_holds_64_characters(patch: MonkeyPatch) -> None:
     """The longest commands are too long for it."""
 
-    def act(go: Any_, frame: _Frame, payload_max: int) -> None:
-        go(64)
+    def act(go: Any_, receiver: PacketReceiver, *given: Any) -> None:
+        go()
+        receiver._payload_max = 64
 
-    around(patch, _Frame, "__init__", act)
+    around(patch, PacketReceiver, "__init__", act)
 
 
 # --- what is sent ---------------------------------------------------------------------------------
@@ -150,9 +158,13 @@ def sums_of_values_leave_the_trailer_out(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-PKT-07", traps=(9,))
-def replies_come_from_everybody(patch: MonkeyPatch) -> None:
-    """A reply has 80h for its address."""
-    all_packets(patch, lambda raw: resummed(b"\x80" + raw[1:-2] + b"\x80"))
+def done_comes_from_everybody(patch: MonkeyPatch) -> None:
+    """DONE has 80h for its address."""
+
+    def change(raw: bytes) -> bytes:
+        return resummed(b"\x80" + raw[1:-2] + b"\x80") if raw[2] == 5 else raw
+
+    status_packets(patch, change)
 
 
 @board_mutant("MN4-PKT-02")

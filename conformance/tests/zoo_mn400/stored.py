@@ -337,9 +337,9 @@ def a_configuration_never_runs(patch: MonkeyPatch) -> None:
 def a_configuration_runs_in_silence(patch: MonkeyPatch) -> None:
     """Nothing is sent at power-up."""
 
-    def act(go: Any_, board: Mn400Board, start: int, answer: Any, origin: Origin) -> None:
+    def act(go: Any_, board: Mn400Board, start: int, parts: Any, origin: Origin) -> None:
         if origin is Origin.CONFIG:
-            for part in answer.parts:
+            for part in parts:
                 if not hasattr(part.message, "address"):
                     part.message(start)
             return
@@ -352,16 +352,15 @@ def a_configuration_runs_in_silence(patch: MonkeyPatch) -> None:
 def a_configuration_answers_from_id_1(patch: MonkeyPatch) -> None:
     """What is sent at power-up is all from the id of power-on."""
 
-    def act(go: Any_, board: Mn400Board, start: int, answer: Any, origin: Origin) -> None:
+    def act(go: Any_, board: Mn400Board, start: int, parts: Any, origin: Origin) -> None:
         if origin is Origin.CONFIG:
             parts = [
                 part._replace(message=part.message._replace(address=1))
                 if hasattr(part.message, "address")
                 else part
-                for part in answer.parts
+                for part in parts
             ]
-            answer = answer._replace(parts=parts)
-        go(start, answer, origin)
+        go(start, parts, origin)
 
     around(patch, Mn400Board, "_reply", act)
 

@@ -12,11 +12,7 @@ POLL_S: Final = 0.2
 
 
 def switch_on(driver: BoardDriver) -> None:
-    """Switch the supply off and, after a while, on; what the board then says is not read yet.
-
-    The counters are read before, where the board tells them: they tell where the axes are.
-    """
-    driver.ask("E")
+    """Switch the supply off and, after a while, on; what the board then says is not read yet."""
     driver.session.rig.work("power", False)
     driver.target.wait(OFF_S)
     driver.target.drain()
