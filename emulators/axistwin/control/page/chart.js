@@ -129,10 +129,11 @@ class Chart {
     this.plot = null;
     if (!this.area.clientWidth) return;
     const axis = { stroke: style("--quiet"), grid: { stroke: style("--line"), width: 1 }, ticks: { show: false }, font: "12px system-ui" };
-    const series = this.names.map((label, index) => ({ label, stroke: style(`--axis-${index % 4}`), width: 2, points: { show: false } }));
+    const series = this.names.map((label, index) => ({ label, stroke: style(`--axis-${index % 4}`), width: 2, pxAlign: 0, points: { show: false } }));
     const options = {
       width: this.area.clientWidth,
       height: HEIGHT_PX,
+      pxAlign: 0, // or a slow motion is drawn in steps
       legend: { show: false },
       scales: { x: { time: false }, y: { range: (_, low, high) => around(low, high) } },
       axes: [{ ...axis, size: 30, values: (_, each) => each.map((x) => `${Number(x.toFixed(3))} s`) }, { ...axis, size: 72 }],

@@ -48,7 +48,7 @@ function makeGroup(device, name, members, updates) {
   return make("section", { "aria-labelledby": id },
     make("h2", { id }, name ? words(name) : "Settings and actions"),
     ...(isOne ? [make("p", { class: "doc" }, members[0].doc)] : []),
-    make("div", { class: members.every((each) => each.kind === "switch" && each.readable) ? "rows switches" : "rows" }, ...rows));
+    make("div", { class: members.every((each) => each.kind === "switch" && each.readable && !each.numbers) ? "rows switches" : "rows" }, ...rows));
 }
 
 function makeRow(device, control, hasDoc, updates) {
