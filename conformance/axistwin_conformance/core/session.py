@@ -45,6 +45,8 @@ QUIET_WAIT_S = 0.1  # how long a line must be quiet before a request is sent aga
 MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
 
+ONE_EXCHANGE = 4  # records, at most: a note, a request, its reply and a receipt
+
 SHOWN = Observation(REQUEST, is_whole=False)  # by what was sent last
 
 Requirements = str | Sequence[str] | None
@@ -464,13 +466,17 @@ class Session:
         value, clause = f"{name}={' or '.join(seen)}", f"{shown.clause}: the device {came}"
         if not self.run.ledger.asks(name):
             return replace(shown, clause=clause, value=value, wanted=f"that it {before}")
+        held_to = earlier(self, name)
+        asked = (self.run.family.in_words(one.data, b"").request for one in held_to if one.data)
+        question = next(filter(None, asked), "") if len(held_to) <= ONE_EXCHANGE else ""
         return replace(
             shown,
-            clause=f"{clause}, but earlier in this run it {before}",
+            clause=f"{clause}, but earlier in this run it {before}"
+            + (f" (at {question})" if question else ""),
             value=value,
             wanted="the same each time",
             rule=ambiguity.rule(name),
-            earlier=earlier(self, name),
+            earlier=held_to,
         )
 
     def no_reading(

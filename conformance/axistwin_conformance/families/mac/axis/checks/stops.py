@@ -19,6 +19,7 @@ from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import MOVES
+from axistwin_conformance.families.mac.axis.words import TICK
 
 ORDER = 160  # of this module in a run; see `Family.modules`
 
@@ -140,16 +141,19 @@ def _overrun_seen(
     stop = start + side.direction * 50
     which = "superior" if side.direction > 0 else "inferior"
     clause = (
-        f"after {name} from position {start}, the axis stood"
-        f" {counted(place - 50, 'increment')} beyond the"
+        f"after {name} from position {start}, with 0Dh = {PERIOD} {TICK} an increment and without"
+        f" a ramp (0Fh = 0), the axis came to rest {counted(place - 50, 'increment')} beyond the"
         f" {which} software stop ({side.index:02X}h = {stop}), at {REQUEST} ="
         f" {start + side.direction * place} increments"
     )
     before = earlier(session, OVERRUN, "09h")  # nothing unless it was a number
     wanted = f"{due[0] - 50}..{due[1] - 50} increments beyond it"
     if before:
-        clause += f", but {due[1] - 50} beyond the superior one (09h) earlier in this run"
-        wanted = "the same distance on both sides"
+        clause += (
+            f", but {due[1] - 50} beyond the superior one (09h) earlier in this run, slow and"
+            " fast alike"
+        )
+        wanted = "the same distance on both sides (concluded by the suite: one rule for both stops)"
     return Observation(
         clause,
         value=str(place),
