@@ -32,6 +32,7 @@ from axistwin_conformance.core.wording import (
     REQUEST,
     Exchange,
     Observation,
+    moved_before,
     shown_exchange,
     telling,
 )
@@ -589,7 +590,9 @@ def failure(
     it the lines that matter."""
     records, family = session.records(), session.run.family
     told = telling(records, family.in_words, expected, actual, text, family.glossary)
-    return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS)
+    before = session.transport.transcript.since(0)[: -len(records) or None]
+    moved = moved_before(told, records, before, family.in_words)
+    return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS, moved)
 
 
 def earlier(session: Session, switch: str, *causes: str) -> tuple[Record, ...]:

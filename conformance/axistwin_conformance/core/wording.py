@@ -43,6 +43,7 @@ POWER_ON: Final = "the power was switched on"
 POWER_CYCLE: Final = "a power cycle"
 
 
+FOUND_AT: Final = re.compile(r"\(position\) showed (-?[0-9]+) increments?$")
 SETS: Final = re.compile(r" ?[(=]")  # what stands behind the name of a setting
 MOST_BY_HAND: Final = 12  # requests; more, nobody pastes
 WORKED: Final = "not with 'axistwin send' alone: the device has to be worked as well, in this order"
@@ -134,13 +135,14 @@ class Telling(NamedTuple):
         text: str,
         records: Sequence[Record],
         most: int,
+        moved: Sequence[Record] = (),
     ) -> Finding:
         """The failure with the end of the transcript, of what was before that the records that
-        matter, and the exchange that the device is held to."""
+        matter, the exchange that the device is held to, or what `moved` the axis to its start."""
         end = range(max(0, len(records) - most), len(records))
         kept = sorted({*end, *self.decisive, *self.by_hand})
         seen = actual if isinstance(actual, Observation) else Observation("")
-        before = seen.earlier
+        before = seen.earlier or tuple(moved)
         if before and kept:
             time_ns = records[kept[0]].time_ns
             before = (*before, Record(time_ns, Direction.NOTE, text="in this check:"))
@@ -219,6 +221,28 @@ def telling(
     no_hand = no_hand or (seen.by_hand if seen else "")
     found = _found(acts, by_hand) if by_hand[1:] else ()
     return Telling(text[0].upper() + text[1:], decisive, by_hand, no_hand, found)
+
+
+def moved_before(
+    told: Telling, records: Sequence[Record], earlier: Sequence[Record], describe: Describe
+) -> tuple[Record, ...]:
+    """The move that brought the axis to where it was found, if a move from there failed: of the
+    `earlier` records, under a note that says so.  Nothing if it stood at 0, or came there by
+    another way."""
+    place = next(filter(None, map(FOUND_AT.search, told.found)), None)
+    sent = (describe(records[number].data, b"").effect for number in told.by_hand)
+    if place is None or place[1] == "0" or Effect.MOTION not in sent:
+        return ()
+    for number in range(len(earlier) - 1, -1, -1):
+        record = earlier[number]
+        if record.direction is not Direction.HOST:
+            continue
+        exchange = describe(record.data, b"")
+        if exchange.effect is Effect.MOTION:
+            note = Record(record.time_ns, Direction.NOTE, text="before this check:")
+            is_there = exchange.request.endswith(f"position {place[1]})")
+            return (note, *earlier[number : number + 2]) if is_there else ()
+    return ()
 
 
 def shown_exchange(

@@ -22,7 +22,7 @@ TAKEN_OVER: Final = "taken to hold for it as well"
 OWN_RULE: Final = "a rule of the suite; the manual does not cover it"
 TIMES: Final = (
     "time in ms: host lines when sending began, device lines at the last byte; 'N ms after' a"
-    " request counts from where its line does"
+    " request counts from the time of its line"
 )
 SHOWN: Final = ("fail", "inconclusive")
 NUMBER: Final = re.compile(r"-?\b[0-9][0-9A-F.]*\b(?!h)")  # not the number of a command

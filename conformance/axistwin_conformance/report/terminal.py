@@ -464,7 +464,7 @@ class TerminalReport:
             yield one.no_hand
         if one.by_hand[1:]:
             last = one.transcript[one.by_hand[-1]]
-            yield f"the last step is the one that failed: {last['decoded'] or last['text']}"
+            yield f"the last step is the one that failed: {last['decoded'] or last['text'].removeprefix(RIG)}"
         if one.found:
             yield f"before, {'; '.join(one.found)}"
         if (twin := built_in(self._run)) and not self._is_port_explained:
