@@ -32,7 +32,7 @@ from axistwin_conformance.core.wording import (
     REQUEST,
     Exchange,
     Observation,
-    moved_before,
+    asked_in,
     shown_exchange,
     telling,
 )
@@ -45,8 +45,6 @@ REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger s
 QUIET_WAIT_S = 0.1  # how long a line must be quiet before a request is sent again
 MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
-
-ONE_EXCHANGE = 4  # records, at most: a note, a request, its reply and a receipt
 
 SHOWN = Observation(REQUEST, is_whole=False)  # by what was sent last
 
@@ -468,17 +466,11 @@ class Session:
         if not self.run.ledger.asks(name):
             return replace(shown, clause=clause, value=value, wanted=f"that it {before}")
         held_to = earlier(self, name)
-        asked = (self.run.family.in_words(one.data, b"").request for one in held_to if one.data)
-        question = next(filter(None, asked), "") if len(held_to) <= ONE_EXCHANGE else ""
+        clause += f", but earlier in this run it {before}"
         return replace(
-            shown,
-            clause=f"{clause}, but earlier in this run it {before}"
-            + (f" (at {question})" if question else ""),
-            value=value,
-            wanted="the same each time",
-            rule=ambiguity.rule(name),
-            earlier=held_to,
-        )
+            shown, value=value, wanted="the same each time", earlier=held_to,
+            clause=clause + asked_in(held_to, self.run.family.in_words), rule=ambiguity.rule(name),
+        )  # fmt: skip
 
     def no_reading(
         self,
@@ -590,9 +582,7 @@ def failure(
     it the lines that matter."""
     records, family = session.records(), session.run.family
     told = telling(records, family.in_words, expected, actual, text, family.glossary)
-    before = session.transport.transcript.since(0)[: -len(records) or None]
-    moved = moved_before(told, records, before, family.in_words)
-    return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS, moved)
+    return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS)
 
 
 def earlier(session: Session, switch: str, *causes: str) -> tuple[Record, ...]:

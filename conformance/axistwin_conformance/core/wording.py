@@ -43,8 +43,8 @@ POWER_ON: Final = "the power was switched on"
 POWER_CYCLE: Final = "a power cycle"
 
 
-FOUND_AT: Final = re.compile(r"\(position\) showed (-?[0-9]+) increments?$")
 SETS: Final = re.compile(r" ?[(=]")  # what stands behind the name of a setting
+ONE_EXCHANGE: Final = 4  # records, at most: a note, a request, its reply and a receipt
 MOST_BY_HAND: Final = 12  # requests; more, nobody pastes
 WORKED: Final = "not with 'axistwin send' alone: the device has to be worked as well, in this order"
 
@@ -135,14 +135,13 @@ class Telling(NamedTuple):
         text: str,
         records: Sequence[Record],
         most: int,
-        moved: Sequence[Record] = (),
     ) -> Finding:
         """The failure with the end of the transcript, of what was before that the records that
-        matter, the exchange that the device is held to, or what `moved` the axis to its start."""
+        matter, and the exchange that the device is held to."""
         end = range(max(0, len(records) - most), len(records))
         kept = sorted({*end, *self.decisive, *self.by_hand})
         seen = actual if isinstance(actual, Observation) else Observation("")
-        before = seen.earlier or tuple(moved)
+        before = seen.earlier
         if before and kept:
             time_ns = records[kept[0]].time_ns
             before = (*before, Record(time_ns, Direction.NOTE, text="in this check:"))
@@ -223,28 +222,6 @@ def telling(
     return Telling(text[0].upper() + text[1:], decisive, by_hand, no_hand, found)
 
 
-def moved_before(
-    told: Telling, records: Sequence[Record], earlier: Sequence[Record], describe: Describe
-) -> tuple[Record, ...]:
-    """The move that brought the axis to where it was found, if a move from there failed: of the
-    `earlier` records, under a note that says so.  Nothing if it stood at 0, or came there by
-    another way."""
-    place = next(filter(None, map(FOUND_AT.search, told.found)), None)
-    sent = (describe(records[number].data, b"").effect for number in told.by_hand)
-    if place is None or place[1] == "0" or Effect.MOTION not in sent:
-        return ()
-    for number in range(len(earlier) - 1, -1, -1):
-        record = earlier[number]
-        if record.direction is not Direction.HOST:
-            continue
-        exchange = describe(record.data, b"")
-        if exchange.effect is Effect.MOTION:
-            note = Record(record.time_ns, Direction.NOTE, text="before this check:")
-            is_there = exchange.request.endswith(f"position {place[1]})")
-            return (note, *earlier[number : number + 2]) if is_there else ()
-    return ()
-
-
 def shown_exchange(
     records: Sequence[Record], describe: Describe, causes: Sequence[str] = ()
 ) -> tuple[Record, ...]:
@@ -264,6 +241,13 @@ def shown_exchange(
     named = [_latest(before, words) for words in causes]
     led = [*_causes(before, shown), *(act for act in named if act is not None)]
     return tuple(records[number] for number in _decisive(led, shown, records))
+
+
+def asked_in(earlier: Sequence[Record], describe: Describe) -> str:
+    """`` (at RFLAG 256)``: the request of an earlier exchange, if it is short; otherwise empty."""
+    asked = (describe(record.data, b"").request for record in earlier if record.data)
+    question = next(filter(None, asked), "") if len(earlier) <= ONE_EXCHANGE else ""
+    return f" (at {question})" if question else ""
 
 
 def _clause(clause: str, judged: _Act | None, records: Sequence[Record]) -> str:

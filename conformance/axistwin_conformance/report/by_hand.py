@@ -13,6 +13,10 @@ WORTH_A_WAIT_NS: Final = 2_000_000  # less passes between two requests anyway
 LONG_NS: Final = 900_000_000  # what comes later than that, 'axistwin send' does not wait for
 LONGEST_NS: Final = 2_500_000_000  # between an earlier exchange and this one nothing counts
 
+STARTS_IN_NS: Final = 1_000_000_000  # until a move to where a check began is over, at least
+SLOWEST_INCREMENT_NS: Final = 10_000_000
+
+_FOUND_AT: Final = re.compile(r"\(position\) showed (-?[1-9][0-9]*) increments?$")
 _BUILT_IN = re.compile(r"built-in twin \((.*)\)")
 
 
@@ -30,6 +34,15 @@ def send_command(run: RunStarted, *requests: str, timeout_s: int = 0) -> str:
     words += ["--baud", str(rate)] if rate else []
     words += ["--timeout", str(timeout_s)] if timeout_s else []
     return shlex.join([*words, *requests])
+
+
+def move_to_start(found: Iterable[str]) -> list[str]:
+    """What brings an axis to where the check found it; nothing for one that stood at 0."""
+    place = next(filter(None, map(_FOUND_AT.search, found)), None)
+    if place is None:
+        return []
+    lasting_ns = STARTS_IN_NS + abs(int(place[1])) * SLOWEST_INCREMENT_NS
+    return [f"go to {place[1]}", f"wait {lasting_ns / 1e6:.0f} ms"]
 
 
 def timeout_s(records: Sequence[Mapping[str, Any]], numbers: Iterable[int]) -> int:

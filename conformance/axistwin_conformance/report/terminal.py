@@ -43,7 +43,13 @@ from axistwin_conformance.engine.eta import Eta
 from axistwin_conformance.engine.impact import Impact, allowed_in_vain, impacts
 from axistwin_conformance.engine.judgement import UNREACHABLE
 from axistwin_conformance.engine.plan import Options, Plan
-from axistwin_conformance.report.by_hand import again, built_in, send_command, timeout_s
+from axistwin_conformance.report.by_hand import (
+    again,
+    built_in,
+    move_to_start,
+    send_command,
+    timeout_s,
+)
 from axistwin_conformance.report.failures import (
     ALSO,
     LAST_PROBLEMS,
@@ -442,6 +448,7 @@ class TerminalReport:
         if self._run is None or not steps:
             self._print(one.no_hand, label=label)
             return
+        steps = [*move_to_start(one.found), *steps]
         longest_s = timeout_s(one.transcript, one.by_hand)
         is_worked = any(step.startswith(RIG) for step in steps)
         if is_worked:
@@ -464,7 +471,8 @@ class TerminalReport:
             yield one.no_hand
         if one.by_hand[1:]:
             last = one.transcript[one.by_hand[-1]]
-            yield f"the last step is the one that failed: {last['decoded'] or last['text'].removeprefix(RIG)}"
+            words = last["decoded"] or last["text"].removeprefix(RIG)
+            yield f"the last step is the one that failed: {words}"
         if one.found:
             yield f"before, {'; '.join(one.found)}"
         if (twin := built_in(self._run)) and not self._is_port_explained:

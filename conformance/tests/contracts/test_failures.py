@@ -133,7 +133,7 @@ FAILURES: Final = {
 
 # What is wrong shows only on an axis that has moved before the check: `by hand` says that it needs
 # the state in which the check found the device, and a twin that has just begun is in another one.
-HISTORY: Final = {"motion-ramp", "motion-step", "motion-sign"}
+HISTORY: Final = {"motion-ramp", "motion-step"}
 
 
 @cache

@@ -155,7 +155,8 @@ def each_unit_answers_its_own_number_only(session: Session) -> None:
             reply = exchange.reply
             is_own = exchange.is_acked and reply is not None and reply.unit == unit
             # A wrong number tells nothing of the two lines.
-            names = ("MSC-PKT-18", "MSC-PKT-05", *(("MSC-PHY-02",) if is_own else ()))
+            is_wrong = reply is not None and reply.unit != unit
+            names = ("MSC-PKT-18", "MSC-PKT-05", *(() if is_wrong else ("MSC-PHY-02",)))
             seen = exchange.observed()
             if exchange.is_acked and reply is not None:
                 seen = replace(

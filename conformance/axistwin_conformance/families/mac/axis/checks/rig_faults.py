@@ -266,7 +266,7 @@ def _judge_parameters(driver: AxisDriver, cause: Cause) -> None:
                 clause=f'at rest, with the fault "{cause.words}" active ({active}), {seen.clause}',
                 wanted=f"{wanted}, because a fault locks motion commands and"
                 f" {driver.client.named(index)} sets a parameter",
-                causes=(driver.client.named(0x21),),
+                causes=(driver.client.named(0x21).removeprefix("query "),),
                 rule=PARAMETERS_STAY,
                 is_whole=True,
             ),
