@@ -348,7 +348,7 @@ def typed(*words: str) -> Any:
 
 def failed(output: str) -> set[str]:
     """The requirements that failed, as printed with the failures."""
-    return set(re.findall(r"^ {3}(?:manual| {6}) {6}(MAC\w-\S+): ", output, re.MULTILINE))
+    return set(re.findall(r"^ {3}(?:required| {8}) +(MAC\w-\S+): ", output, re.MULTILINE))
 
 
 def test_the_command_printed_with_a_failure_fails_the_same_requirement() -> None:
