@@ -44,6 +44,10 @@ _OWN = {
         "axistwin.cli.plot.command",
         "Draw the motion of commands, of a recording, or of a device: path, position, rate.",
     ),
+    "tap": (
+        "axistwin.cli.tap.command",
+        "Record what a program and a device on a serial port say to each other.",
+    ),
     "replay": (
         "axistwin.cli.replay.command",
         "Compare a recording with what a twin would have said, and find the quirks.",

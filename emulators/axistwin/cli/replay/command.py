@@ -64,9 +64,9 @@ def replay(
 ) -> int:
     """Compare a recording with what a twin would have said.
 
-    CAPTURE is a recording of 'axistwin run --capture'.  A twin gets what the host said, at the
-    recorded times but in virtual time.  Each exchange in which it replies otherwise is shown: '-'
-    is what was recorded, '+' what the twin says.
+    CAPTURE is a recording of 'axistwin tap' or 'axistwin run --capture'.  A twin gets what the host
+    said, at the recorded times but in virtual time.  Each exchange in which it replies otherwise is
+    shown: '-' is what was recorded, '+' what the twin says.
 
     \b
     axistwin replay capture.txt --against mac23

@@ -104,7 +104,7 @@ def perform(run: Run[SimulationT], reporter: Reporter) -> int:
         )
 
     with contextlib.closing(reporter), contextlib.closing(Loop()) as loop:
-        loop.install_signal_handlers(_stop_signals())  # during the start: it ends when it can
+        loop.install_signal_handlers(stop_signals())  # during the start: it ends when it can
         with (
             run.watching(),
             run.build() as simulation,
@@ -131,7 +131,7 @@ def perform(run: Run[SimulationT], reporter: Reporter) -> int:
     return EXIT_USAGE if reporter.has_lost else 0
 
 
-def _stop_signals() -> list[signal.Signals]:
+def stop_signals() -> list[signal.Signals]:
     """Ctrl-C, the polite kill, and the end of the terminal, unless nohup says to outlive that."""
     signals = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
