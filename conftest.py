@@ -1,5 +1,5 @@
 """What holds for all tests, of twins and of the suite: their tiers, signals, what needs a kernel
-with CAN."""
+with CAN or uhid."""
 
 import os
 import re
@@ -11,8 +11,12 @@ from typing import Any
 
 import pytest
 
-VCAN = Path("/sys/class/net/vcan0")
-BY_HAND = frozenset({"soak", "vcan"})
+# What tests of a mark need, and the virtual machine that has it.
+KERNEL_NEEDS = {
+    "vcan": (Path("/sys/class/net/vcan0"), "scripts/vm"),
+    "uhid": (Path("/dev/uhid"), "scripts/vm --uhid"),
+}
+BY_HAND = frozenset({"soak", *KERNEL_NEEDS})
 DEAR = BY_HAND | {"system", "strength"}
 DEAR_FILE = re.compile(rf"^pytestmark = (\[\s*)?pytest\.mark\.({'|'.join(DEAR)})\b", re.MULTILINE)
 # What a fast test does not do, in the words of Python's audit hooks.
@@ -101,8 +105,9 @@ def pytest_runtest_call() -> Generator[None, object, object]:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what needs a kernel with CAN where there is none; in the virtual machine there is."""
-    if item.get_closest_marker("vcan") is None or VCAN.exists():
-        return
-    assert "AXISTWIN_VM" not in os.environ, "the virtual machine has no vcan0"
-    pytest.skip("there is no vcan0; run 'scripts/vm python -m pytest -m vcan'")
+    """Skip what needs another kernel than this one; in the virtual machine it is there."""
+    for mark, (need, machine) in KERNEL_NEEDS.items():
+        if item.get_closest_marker(mark) is None or need.exists():
+            continue
+        assert "AXISTWIN_VM" not in os.environ, f"the virtual machine has no {need.name}"
+        pytest.skip(f"there is no {need.name}; run '{machine} python -m pytest -m {mark}'")

@@ -1,10 +1,11 @@
-"""Starts three serial lines and a CAN bus, and judges a twin on each over its own pty, all at once.
+"""Starts four serial lines and a CAN bus, and judges a twin on each over its own pty, all at once.
 
 On two lines are a MAC23 at 0 and a MAC34 at 5; on the first the MAC23 is judged, on the second the
 MAC34.  On the bus, a hub with an slcan adapter for a pty, are two MAC23, of which the first is
-judged.  What each says about the other stays out of it.  On the third line is an MSC.  At the end
-stand one table with the verdicts of all, and what failed, in at most 40 lines of 80 columns.  Used
-by ``scripts/run``; ends with status 0 when every twin conforms.
+judged.  What each says about the other stays out of it.  On the third line is an MSC, on the fourth
+are two MN400, of which the first is judged.  At the end stand one table with the verdicts of all,
+and what failed, in at most 40 lines of 80 columns.  Used by ``scripts/run``; ends with status 0
+when every twin conforms.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from types import FrameType
 from typing import Any
 
 WIDTH, MOST_LINES = 80, 40
-LINES_AROUND = 13  # of those: what is printed before the verdicts, and behind them
+LINES_AROUND = 15  # of those: what is printed before the verdicts, and behind them
 ALONE = "leave the ports alone until the table is printed: another client spoils it"
 LEGEND = (  # below the table
     "judged: requirements with a verdict, of those chosen; the others need --level full"
@@ -77,6 +78,8 @@ OF_THE_MSC = (
     "MSC-CFLAG", "MSC-DREAD", "MSC-DWRITE", "MSC-RFLAG", "MSC-RQSTAT", "MSC-SFLAG", "MSC-STA",
     "MSC-DAT", "MSC-FLG", "MSC-PROP",
 )  # fmt: skip
+# What moves and what is stored takes longer than all that is judged on the other lines.
+OF_THE_MN400 = ("MN4-PKT-0", "MN4-RSP-0", "MN4-ERR", "MN4-CMD-RTX-01", "MN4-CMD-FW", "MN4-DROP-1")
 PLACES = (
     Place("./mac", (("mac23", 0), ("mac34-1", 5))),
     Place("./mac34", (("mac34-1", 5), ("mac23", 0))),
@@ -96,6 +99,12 @@ PLACES = (
             *("--allow", "motion,stored", "--variables", "1024-5119", "--flags", "128-191"),
             *("--bench-program", "240:6144"),
         ),
+    ),
+    Place(
+        "./mn400",
+        (("mn400", 1), ("mn400", 2)),
+        ids=OF_THE_MN400,
+        granted=("--allow", "passive"),
     ),
 )
 

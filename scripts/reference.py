@@ -110,6 +110,11 @@ def msc_requirements() -> str:
     return requirements_of("msc", "# Requirements of the MSC executive port\n\n")
 
 
+def mn400_requirements() -> str:
+    """The ledger that the suite judges MN400 boards by."""
+    return requirements_of("mn400", "# Requirements of the MN400\n\n")
+
+
 def requirements_of(name: str, head: str) -> str:
     """A page with the requirements of a ledger, and the questions it leaves open."""
     book = ledger.load_ledger(name)
@@ -148,6 +153,7 @@ PAGES = {
     "reference/mac-serial-requirements.md": requirements,
     "reference/mn400-protocol.md": reference_mn400.page,
     "reference/mn400-quirks.md": mn400_quirks,
+    "reference/mn400-requirements.md": mn400_requirements,
     "reference/msc-protocol.md": reference_msc.page,
     "reference/msc-quirks.md": msc_quirks,
     "reference/msc-requirements.md": msc_requirements,

@@ -20,7 +20,7 @@ from zoo.mutant import Mutant  # noqa: E402
 from axistwin_conformance.base.ledger import family_folder, load_ledger  # noqa: E402
 
 # Family → package of its mutants.
-ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can", "msc": "zoo_msc"}
+ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can", "msc": "zoo_msc", "mn400": "zoo_mn400"}
 HEAD = """\
 # Written by scripts/zoo: which requirements are armed, that is, which planted firmware faults the
 # checks of each have found.  Do not edit.

@@ -114,7 +114,7 @@ def _family_options(function: Function) -> Function:
     type=Word(),
     metavar="URL",
     help="Port of a device on a serial line: a name such as /dev/ttyUSB0, or a URL of pyserial."
-    " Without --port and --can, the built-in twin is judged.",
+    " Without --port, --can and --hid, the built-in twin is judged.",
 )
 @click.option(
     "--can",
@@ -122,6 +122,13 @@ def _family_options(function: Function) -> Function:
     metavar="INTERFACE:CHANNEL",
     help="Bus of a device on CAN: interface and channel of python-can, such as socketcan:can0 or"
     " slcan:/dev/ttyACM0; further options of the interface as ?NAME=VALUE&...",
+)
+@click.option(
+    "--hid",
+    type=Word(),
+    metavar="PATH",
+    help="USB port of a device that has one: its node, such as /dev/hidraw0. Judges what is said"
+    " of USB.",
 )
 @click.option("--address", type=Address(), help="Address of the device on its line or bus.")
 @click.option(
@@ -148,9 +155,10 @@ def _family_options(function: Function) -> Function:
 @_family_options
 @click.option(
     "--rig",
-    type=click.Choice(("twin", "prompt", "command")),
-    help="Rig that operates inputs, supply and shaft. A device also needs --allow rig; a twin is"
-    " its own rig.",
+    type=Word(),
+    metavar="[twin|prompt|command|URL]",
+    help="Rig that operates inputs, supply and shaft; URL: the control API of a running twin, such"
+    " as http://127.0.0.1:8080. A device also needs --allow rig; a twin is its own rig.",
 )
 @click.option(
     "--rig-command",
@@ -353,13 +361,14 @@ def _put_back(path: Path, given: dict[str, Any]) -> int:
     from axistwin_conformance.engine.device import keeping
     from axistwin_conformance.engine.device.restoring import put_back
     from axistwin_conformance.families.catalog import find_family
+    from axistwin_conformance.transport.kinds import TRANSPORT_KINDS
 
     if given["ids"] or given["replay"]:
         raise UsageError("--restore judges nothing: leave out --replay and every ID")
     kept = keeping.load(path, given["model"])
-    kind = find_family(kept.model).transport_kind
-    if given["port"] is None and given["can"] is None:
-        given[kind.option.removeprefix("--")] = kept.endpoint
+    if all(given[kind.option.removeprefix("--")] is None for kind in TRANSPORT_KINDS):
+        option = kept.option or find_family(kept.model).transport_kind.option
+        given[option.removeprefix("--")] = kept.endpoint
     given["address"] = kept.address if given["address"] is None else given["address"]
     with interrupts.heeded():
         return put_back(

@@ -34,6 +34,7 @@ def make_options(
     ids: tuple[str, ...] = (),
     port: str | None = None,
     can: str | None = None,
+    hid: str | None = None,
     address: int | None = None,
     neighbours: tuple[int, ...] = (),
     baud: int | None = None,
@@ -58,9 +59,9 @@ def make_options(
     """
     from axistwin_conformance.engine.plan import Options
 
-    family = find_family(model)
-    endpoints, rates = {"--port": port, "--can": can}, {"--baud": baud, "--bitrate": bitrate}
-    endpoint, rate = choose_endpoint(family.transport_kind, model, endpoints, rates)
+    endpoints = {"--port": port, "--can": can, "--hid": hid}
+    rates = {"--baud": baud, "--bitrate": bitrate}
+    family, endpoint, rate = _reached(model, endpoints, rates)
     is_builtin, is_twin = endpoint is None, endpoint is None or is_twin_url(endpoint)
     address, neighbours = _addresses(family, address, neighbours, is_builtin=is_builtin)
     _check_rate(family, model, rate if is_builtin else None)
@@ -91,6 +92,17 @@ def make_options(
         jobs=jobs,
     )
     return _with_rig(options, rig, rig_command)
+
+
+def _reached(
+    model: str, endpoints: Mapping[str, str | None], rates: Mapping[str, int | None]
+) -> tuple[Family, str | None, int | None]:
+    """The family that judges the model the way that was given, where, and how fast."""
+    family = find_family(model)
+    over = family.models[model].over
+    kinds = (family.transport_kind, *over)
+    kind, endpoint, rate = choose_endpoint(kinds, model, endpoints, rates)
+    return over.get(kind, family), endpoint, rate
 
 
 def _is_only_detection(family: Family, ids: tuple[str, ...], is_wanted: bool) -> bool:

@@ -15,8 +15,8 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.session import Envelope, Run, Session
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.board_family import Mn400
 from axistwin_conformance.families.mn400.codec import ReturnCode
+from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.families.mn400.grammar import (
     COMMANDS,
     ParsedCommand,

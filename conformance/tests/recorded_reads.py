@@ -23,7 +23,9 @@ Reads = dict[str, set[str]]
 TRAVEL: dict[str, dict[str, Any]] = {
     "mac23": {"max_travel": 10**6}, "mac23-can": {"max_travel": 10**6},
 }  # fmt: skip
-MODELS = {"mac_serial": "mac23", "mac_can": "mac23-can", "msc": "msc-850-32"}
+MODELS = {
+    "mac_serial": "mac23", "mac_can": "mac23-can", "msc": "msc-850-32", "mn400": "mn400",
+}  # fmt: skip
 HEAD = """\
 # Written by scripts/reads: which switches each check and probe looks up, that is, on which readings
 # of the manual it depends.  Do not edit.

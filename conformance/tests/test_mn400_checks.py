@@ -13,11 +13,17 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.board_family import Mn400
 from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.families.mn400.grammar import ParsedCommand, Refusal
 
-CHECKS = {one.name: one for one in Mn400().checks()}
+
+def is_for_one_that_stands(check: Check) -> bool:
+    """True for what asks no motion and no second board: the small board has neither."""
+    return check.danger == 0 and "neighbour" not in check.needs
+
+
+CHECKS = {one.name: one for one in Mn400().checks() if is_for_one_that_stands(one)}
 Plant = Callable[[SmallBoard], None]
 
 
@@ -202,7 +208,7 @@ def test_a_board_of_another_reading_passes_once_that_is_known(switch: str, readi
 
 # --- probes ---------------------------------------------------------------------------------------
 
-PROBES = {one.switch: one for one in Mn400().probes()}
+PROBES = {one.switch: one for one in Mn400().probes() if is_for_one_that_stands(one.check)}
 # What a small board can show of itself, beside the default of every switch.
 OTHER_READINGS = [
     *[("data_packet_trailer", one) for one in ("none", "0600", "05", "0500", "00")],

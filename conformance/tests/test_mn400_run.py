@@ -13,7 +13,7 @@ from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.board_family import Mn400
+from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.families.mn400.safety import danger
 from axistwin_conformance.transport.serial import SerialTransport
 

@@ -19,13 +19,13 @@ from axistwin_conformance.families.mn400.boundaries import (
     sound_values,
     typed,
 )
-from axistwin_conformance.families.mn400.draws import DRAW_BYTES, drawn, drawn_at_random
 from axistwin_conformance.families.mn400.grammar import (
     COMMANDS,
     ParsedCommand,
     Refusal,
     read_command,
 )
+from axistwin_conformance.families.mn400.model.draws import DRAW_BYTES, drawn, drawn_at_random
 from axistwin_conformance.families.mn400.safety import danger, objection, texts
 
 LEDGER = load_ledger("mn400")

@@ -340,7 +340,7 @@ def test_a_url_that_could_be_opened_nowhere_is_a_mistake_of_whoever_typed_it(
 ) -> None:
     """With the remedy, before anything is opened; pyserial's own words were of no help."""
     with pytest.raises(UsageError) as caught:
-        choose_endpoint(LINE, "mac23", {"--port": url, "--can": None}, NO_RATES)
+        choose_endpoint((LINE,), "mac23", {"--port": url, "--can": None}, NO_RATES)
     assert str(caught.value).startswith(f"--port {url}: {told}")
 
 
@@ -351,7 +351,7 @@ def test_a_url_that_could_be_opened_nowhere_is_a_mistake_of_whoever_typed_it(
 )  # fmt: skip
 def test_whatever_pyserial_may_open_is_let_through(url: str) -> None:
     """Whether it is there, shows when it is opened."""
-    assert choose_endpoint(LINE, "mac23", {"--port": url, "--can": None}, NO_RATES)[0] == url
+    assert choose_endpoint((LINE,), "mac23", {"--port": url, "--can": None}, NO_RATES)[1] == url
 
 
 @pytest.mark.system

@@ -152,7 +152,7 @@ def test_an_axis_that_goes_away_from_home_is_stopped_and_not_sent_again(
     """A device whose 13h is relative: on a machine each attempt would lead it further away."""
     with a_move_is_relative.plant():
         run = run_on_a_twin()
-        run.readings.update(readings)
+        run.readings.update(readings)  # one that keeps a preloaded motion may start it first
         try:
             driver = driver_of(Session(run))
             driver.motion.ready(1)

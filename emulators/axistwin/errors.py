@@ -25,6 +25,12 @@ class UsageError(AxistwinError):
     """The user asked for something that does not exist or is out of range (exit status 2)."""
 
 
+class UnknownNameError(UsageError, KeyError):
+    """The user named what there is not; also a mapping's mistake."""
+
+    __str__ = UsageError.__str__
+
+
 class StateError(AxistwinError):
     """A state file cannot be read, is torn, or belongs to something else (exit status 2)."""
 

@@ -353,15 +353,17 @@ def _on_pty(options: LineOptions, undo: contextlib.ExitStack) -> tuple[str, "Lin
     """The pty's path and the line behind it; ``undo`` closes both."""
     from axistwin.ports.pty import PtyPort
     from axistwin.runtime.serving.line_server import Server
+    from axistwin.runtime.serving.rack import Rack
 
     line = lines.build_line(options)
     undo.callback(line.close)
     folder = tempfile.mkdtemp(prefix="axistwin-")
     undo.callback(shutil.rmtree, folder, ignore_errors=True)
     link = str(Path(folder, line.twins[0].name.partition(":")[0]))
-    server = Server(line, [PtyPort(link, line.device_format)])
-    undo.callback(server.stop)
-    server.start()
+    rack = Rack()
+    undo.callback(rack.stop)
+    rack.add(Server(line, [PtyPort(link, line.device_format)], loop=rack.loop))
+    rack.start()
     return link, line
 
 

@@ -381,26 +381,26 @@ def test_a_full_disk_ends_the_server_and_leaves_nothing(tmp_path: Path) -> None:
     def fail(*_: object, **__: object) -> None:
         raise StateError("state: no room; make room")
 
-    hub.server.start()
+    hub.rack.start()
     hub.bus._stations[0].slot.save = fail  # type: ignore[method-assign]
     with connect(hub.tcp) as connection:
         connection.sendall(b"O\rt6018230C200000000040\r")
         while connection.recv(100):
             pass
     with pytest.raises(StateError, match="make room"):
-        hub.server.stop()
+        hub.rack.stop()
     assert not os.path.lexists(hub.pty.url)
 
 
 def test_a_bus_that_has_failed_when_a_client_comes_ends_the_server(tmp_path: Path) -> None:
     """With that error, and no other one."""
     hub = Hub(tmp_path)
-    hub.server.start()
+    hub.rack.start()
     hub.bus.close()
     with connect(hub.tcp) as connection:
         assert connection.recv(100) == b""
     with pytest.raises(StateError, match="the bus is closed"):
-        hub.server.stop()
+        hub.rack.stop()
 
 
 def test_ports_that_cannot_be_had_are_one_clear_line(hub: Hub, tmp_path: Path) -> None:

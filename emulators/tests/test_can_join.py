@@ -44,11 +44,11 @@ def joined(place: str, **options: Any) -> Iterator[ServedBus]:
 
 def assert_ends(served: ServedBus, reason: str) -> None:
     """The server ends by itself, with the one clear error that has ``reason``."""
-    thread = served.server._thread
+    thread = served.rack._thread
     assert thread is not None
     assert eventually(lambda: not thread.is_alive())
     with pytest.raises(PortError, match=rf"^can .*: the bus is gone \({reason}\); bring it back"):
-        served.server.stop()
+        served.rack.stop()
     served.bus.close()
 
 
@@ -293,7 +293,7 @@ def test_a_bus_that_goes_away_ends_the_server(interface: Interface, when: str) -
 
     setattr(interface, when, fail)
     served = ServedBus(JoinPort("pcan:x", BITRATE), paced=False)
-    served.server.start()
+    served.rack.start()
     interface.put(frame_of(POSITION))
     assert_ends(served, "Network is down")
 
@@ -304,7 +304,7 @@ def test_a_thread_that_reads_tells_of_the_end(
     """As with a descriptor; an interface that does not wait is no busy loop either."""
     monkeypatch.setattr(interface, "fileno", lambda: -1)
     served = ServedBus(JoinPort("pcan:x", BITRATE), paced=False)
-    served.server.start()
+    served.rack.start()
     time.sleep(0.2)
     assert interface.receives < 40
     interface.put(frame_of(POSITION))
@@ -329,7 +329,7 @@ def test_an_slcan_adapter_is_joined(tmp_path: Any) -> None:
         place = f"slcan:{adapter.url}?sleep_after_open=0"
         listener = bench.bus.attach()
         served = ServedBus(JoinPort(place, BITRATE), paced=False)
-        served.server.start()
+        served.rack.start()
         time.sleep(0.1)
         bench.bus.send(listener, frame_of(POSITION))
         assert eventually(lambda: bench.bus.has_news(listener))
@@ -346,7 +346,7 @@ def test_a_socketcand_is_joined() -> None:
         listener = bench.bus.attach()
         place = f"socketcand:vcan0?host=127.0.0.1&port={daemon.port}"
         served = ServedBus(JoinPort(place, BITRATE), paced=False)
-        served.server.start()
+        served.rack.start()
         bench.bus.send(listener, frame_of(POSITION))
         assert eventually(lambda: bench.bus.has_news(listener))
         assert [arrival.frame for arrival in bench.bus.receive(listener)] == [REPLY]

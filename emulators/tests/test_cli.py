@@ -460,9 +460,7 @@ def test_listening_for_other_machines_is_allowed_with_a_warning(
 ) -> None:
     """Whoever can reach the port can drive the twin."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        "axistwin.runtime.serving.line_server.Server.run", lambda self, **_: self.close()
-    )
+    monkeypatch.setattr("axistwin.runtime.serving.rack.Rack.run", lambda self, **_: self.close())
     result = invoke("run", "mac23", "--tcp", "0.0.0.0:0")
     assert result.exit_code == 0
     assert "0.0.0.0: whoever reaches this address can drive the twin" in result.stderr

@@ -69,7 +69,9 @@ def test_the_generated_reference_is_fresh() -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("name", ["", "run", "models", "conform", "doctor", "decode", "plot"])
+@pytest.mark.parametrize(
+    "name", ["", "run", "ctl", "models", "conform", "doctor", "decode", "plot"]
+)
 def test_the_reference_shows_how_help_is_asked_for(name: str) -> None:
     """As the program shows it: `-h` is known everywhere."""
     page = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
@@ -144,15 +146,8 @@ def test_the_readme_names_every_command_and_both_scripts() -> None:
     """A newcomer meets scripts/run, scripts/test and each command of the program."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     commands = (
-        "axistwin run",
-        "send",
-        "decode",
-        "plot",
-        "tap",
-        "replay",
-        "models",
-        "doctor",
-        "conform",
+        *("axistwin run", "ctl", "send", "decode", "plot", "tap", "replay"),
+        *("models", "doctor", "conform"),
     )
     for words in ("scripts/run", "scripts/test", *commands):
         assert words in text, words

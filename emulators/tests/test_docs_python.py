@@ -19,6 +19,7 @@ pytestmark = pytest.mark.system
 ROOT = Path(__file__).parents[2]
 README, PYTEST_PAGE = ROOT / "README.md", ROOT / "docs" / "how-to" / "use-pytest.md"
 CAN_PAGE = ROOT / "docs" / "how-to" / "use-python-can.md"
+HID_PAGE = ROOT / "docs" / "how-to" / "use-hid.md"
 PROGRAM_PAGE = ROOT / "docs" / "how-to" / "write-a-macroprogram.md"
 CONTOUR_PAGE = ROOT / "docs" / "how-to" / "drive-a-contour.md"
 RUN_ELSEWHERE = {
@@ -102,6 +103,12 @@ def test_the_blocks_of_the_can_page_hold(capsys: pytest.CaptureFixture[str]) -> 
     assert "602#23132000FFFFFC18  2013h go to position -1000 -> module 2" in capsys.readouterr().out
 
 
+def test_the_blocks_of_the_hid_page_hold() -> None:
+    """With every assertion in them, each by itself."""
+    for block in python_blocks(HID_PAGE):
+        exec(block, {})
+
+
 def test_the_tests_of_the_how_to_pass(tmp_path: Path) -> None:
     """All blocks of docs/how-to/use-pytest.md in one file."""
     run_tests(tmp_path, "\n\n".join(python_blocks(PYTEST_PAGE)), passed=9)
@@ -160,5 +167,12 @@ def test_no_block_of_python_is_left_out() -> None:
     """A new one in any page has to be run by a test too."""
     pages = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
     found = {page: len(blocks) for page in pages if (blocks := python_blocks(page))}
-    here = {README: 4, CAN_PAGE: 2, PROGRAM_PAGE: 4, PYTEST_PAGE: 5, CONTOUR_PAGE: 1}
-    assert found == {**here, **RUN_ELSEWHERE}
+    assert found == {
+        README: 4,
+        CAN_PAGE: 2,
+        HID_PAGE: 2,
+        PROGRAM_PAGE: 4,
+        PYTEST_PAGE: 5,
+        CONTOUR_PAGE: 1,
+        **RUN_ELSEWHERE,
+    }

@@ -12,6 +12,7 @@ from axistwin.cli import doctor
 from axistwin.cli.doctor import Lack
 from axistwin.cli.program import main
 from axistwin.ports import socketcan
+from axistwin.ports.hid import uhid
 
 NEEDED = ["pseudo terminals", "inotify", "loopback TCP", "current folder"]
 
@@ -144,6 +145,33 @@ def test_a_serial_port_without_permission_is_named(
     with pytest.raises(Lack, match=r"no permission for .*ttyX") as caught:
         doctor.check_real_ports()
     assert "dialout" in caught.value.remedy
+
+
+def test_what_usb_needs_is_told_for_either_side(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """/dev/uhid to be a device, hidraw to judge one; the object of this process needs neither."""
+    monkeypatch.setattr(uhid, "UHID", tmp_path / "uhid")
+    monkeypatch.setattr(doctor, "_HIDRAW_CLASS", tmp_path / "hidraw")
+    with pytest.raises(Lack, match=r"no .*uhid; only 'run --hid' needs it") as caught:
+        doctor.check_uhid()
+    assert caught.value.remedy == "axistwin.hid works without; else: sudo modprobe uhid"
+    with pytest.raises(Lack, match="kernel has no hidraw"):
+        doctor.check_hidraw()
+    (tmp_path / "uhid").touch()
+    assert doctor.check_uhid() == "works"
+    (tmp_path / "hidraw").mkdir()
+    with pytest.raises(Lack, match="no HID device found"):
+        doctor.check_hidraw()
+    (tmp_path / "hidraw" / "hidraw3").touch()
+    monkeypatch.setattr(os, "access", lambda path, mode: True)
+    assert doctor.check_hidraw() == "/dev/hidraw3"
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(Lack, match="no permission for /dev/hidraw3") as caught:
+        doctor.check_hidraw()
+    assert caught.value.remedy == "run as root, or: sudo chown $USER /dev/hidraw3"
+    with pytest.raises(Lack, match=r"no permission for .*uhid"):
+        doctor.check_uhid()
 
 
 def test_a_suite_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

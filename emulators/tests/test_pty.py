@@ -221,7 +221,7 @@ def test_a_link_that_somebody_else_has_replaced_is_left_alone(bench: Bench) -> N
     link = Path(bench.link)
     link.unlink()
     link.write_text("precious")
-    bench.server.stop()
+    bench.rack.stop()
     assert link.read_text() == "precious"
 
 
@@ -236,7 +236,7 @@ def test_what_is_not_a_link_to_a_pty_is_never_replaced(tmp_path: Path, kind: str
     else:
         place.symlink_to(tmp_path)
     with pytest.raises(PortError, match=rf"port: a {kind}.*will not be replaced"):
-        Bench(place).server.open()
+        Bench(place).rack.open()
     assert os.path.lexists(place)
 
 
@@ -255,7 +255,7 @@ def test_a_link_of_another_program_to_a_living_pty_stays(tmp_path: Path) -> None
     link = tmp_path / "port"
     link.symlink_to(os.ttyname(slave))
     with pytest.raises(PortError, match=r"port: another program's link .* choose another --pty"):
-        Bench(link).server.open()
+        Bench(link).rack.open()
     assert link.readlink() == Path(os.ttyname(slave))
     os.close(slave)
     os.close(master)
@@ -286,14 +286,14 @@ def test_a_link_that_is_served_is_in_use(bench: Bench) -> None:
     folder = Path(bench.link).parent
     for path in (Path(bench.link), folder / "." / "port"):
         with pytest.raises(PortError, match="in use, another axistwin serves it"):
-            Bench(path).server.open()
+            Bench(path).rack.open()
     assert Path(bench.link).is_char_device()
 
 
 def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     """One clear line."""
     with pytest.raises(PortError, match=r"there is no folder .*/nowhere; create it first"):
-        Bench(tmp_path / "nowhere" / "port").server.open()
+        Bench(tmp_path / "nowhere" / "port").rack.open()
 
 
 def test_a_client_sees_a_hang_up_when_the_server_ends(bench: Bench) -> None:
@@ -301,7 +301,7 @@ def test_a_client_sees_a_hang_up_when_the_server_ends(bench: Bench) -> None:
     with serial.Serial(bench.link, 38400, timeout=TIMEOUT_S) as client:
         client.write(b"x")
         assert client.read(1) == b"x"
-        bench.server.stop()
+        bench.rack.stop()
         with pytest.raises(serial.SerialException):
             client.read(1)
 

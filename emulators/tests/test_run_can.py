@@ -27,6 +27,7 @@ from axistwin.cli.run.serving import Shared
 from axistwin.errors import UsageError
 from axistwin.ports import socketcan
 from axistwin.ports.slcan import SlcanPort
+from axistwin.runtime.serving.loop import Loop
 from axistwin.wire.can_frame import CanFrame
 
 pytestmark = pytest.mark.system
@@ -211,7 +212,11 @@ def chosen(capsys: pytest.CaptureFixture[str], **options: Any) -> tuple[list[str
     shared = Shared(None, None, (), 1.0, False, False, 0, None)
     given: dict[str, Any] = dict.fromkeys(("can", "slcan", "slcan_tcp", "socketcand"), ())
     run = CanRun([DeviceSpec("mac23-can", 1)], shared, **given, bitrate=None)
-    with run.build() as bus, contextlib.closing(run.serve(bus, Reporter(False))) as server:
+    with (
+        contextlib.closing(Loop()) as loop,
+        run.build() as bus,
+        contextlib.closing(run.serve(bus, Reporter(False), loop)) as server,
+    ):
         assert bus.is_paced is not any(port.kind == "can" for port in server.ports)
         return [port.url for port in server.ports], capsys.readouterr().err
 

@@ -24,6 +24,7 @@ from axistwin.runtime.clock import PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.serving.rack import Rack
 from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot
 from axistwin.wire.framing import LineFormat
@@ -53,7 +54,8 @@ class Bench:
         self.line = Line(network, PacedClock(), Disk(), [station])
         self.pty = PtyPort(str(folder / "toy"), F38400)
         self.tcp = TcpPort("127.0.0.1:0")
-        self.server = Server(self.line, [self.pty, self.tcp])
+        self.rack = Rack()
+        self.server = self.rack.add(Server(self.line, [self.pty, self.tcp], loop=self.rack.loop))
 
     def open(self, baud: int = 38400) -> serial.Serial:
         """A client on the pty."""
@@ -69,9 +71,9 @@ class Bench:
 def bench(tmp_path: Path) -> Iterator[Bench]:
     """A bench that is served."""
     bench = Bench(tmp_path)
-    bench.server.start()
+    bench.rack.start()
     yield bench
-    bench.server.stop()
+    bench.rack.stop()
     bench.line.close()
 
 
@@ -168,7 +170,7 @@ def test_a_twin_may_be_used_from_another_thread_meanwhile(bench: Bench) -> None:
 def test_without_pacing_an_exchange_takes_the_devices_own_time_only(tmp_path: Path) -> None:
     """1 ms here, although the bytes alone would take 1.3 ms."""
     bench = Bench(tmp_path, paced=False)
-    bench.server.start()
+    bench.rack.start()
     try:
         with bench.open() as client:
             took = []
@@ -179,7 +181,7 @@ def test_without_pacing_an_exchange_takes_the_devices_own_time_only(tmp_path: Pa
                 took.append(time.monotonic() - begin)
         assert LATENCY_NS / NS_PER_S <= min(took) < (LATENCY_NS + F38400.span_ns(5)) / NS_PER_S
     finally:
-        bench.server.stop()
+        bench.rack.stop()
 
 
 def test_a_client_that_floods_waits_and_does_not_spoil_the_line_for_good(bench: Bench) -> None:
@@ -204,20 +206,20 @@ def test_a_client_that_floods_waits_and_does_not_spoil_the_line_for_good(bench: 
 def test_stopping_takes_no_time_and_is_final(tmp_path: Path) -> None:
     """The thread has ended, the link is gone, and a second stop does nothing."""
     bench = Bench(tmp_path)
-    bench.server.start()
+    bench.rack.start()
     threads = threading.active_count()
     with bench.open():
         begin = time.monotonic()
-        bench.server.stop()
+        bench.rack.stop()
         assert time.monotonic() - begin < TIMEOUT_S
     assert threading.active_count() == threads - 1
     assert not os.path.lexists(bench.pty.url)
-    bench.server.stop()
+    bench.rack.stop()
 
 
 def test_a_server_that_was_never_started_can_be_stopped(tmp_path: Path) -> None:
     """Nothing is left behind, no descriptor either (a leak would be a warning)."""
-    Bench(tmp_path).server.stop()
+    Bench(tmp_path).rack.stop()
 
 
 def test_when_one_port_cannot_be_opened_none_is(tmp_path: Path) -> None:
@@ -225,23 +227,24 @@ def test_when_one_port_cannot_be_opened_none_is(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     with socket.create_server(("127.0.0.1", 0)) as other:
         taken = TcpPort(f"127.0.0.1:{other.getsockname()[1]}")
-        server = Server(bench.line, [bench.pty, taken])
+        rack = Rack()
+        rack.add(Server(bench.line, [bench.pty, taken], loop=rack.loop))
         with pytest.raises(PortError):
-            server.start()
+            rack.start()
     assert not os.path.lexists(bench.pty.url)
-    bench.server.stop()
+    bench.rack.stop()
 
 
 def test_a_disk_that_fails_ends_the_server_with_the_reason(tmp_path: Path) -> None:
     """No acknowledgement leaves, and whoever runs the server is told."""
     bench = Bench(tmp_path, slot=FullDisk())
-    bench.server.start()
+    bench.rack.start()
     with bench.open() as client:
         client.write(b"W")
         with pytest.raises(serial.SerialException):
             client.read(1)
     with pytest.raises(StateError, match="no room"):
-        bench.server.stop()
+        bench.rack.stop()
 
 
 def test_a_bug_ends_the_server_and_is_not_hidden(
@@ -254,18 +257,18 @@ def test_a_bug_ends_the_server_and_is_not_hidden(
 
     bench = Bench(tmp_path)
     monkeypatch.setattr(bench.device, "receive", fail)
-    bench.server.open()
+    bench.rack.open()
     with bench.connect() as client:
         client.sendall(b"P")
         with pytest.raises(AssertionError, match="our bug"):
-            bench.server.run()
+            bench.rack.run()
 
 
 def test_in_the_main_thread_a_signal_ends_it(tmp_path: Path) -> None:
     """SIGTERM makes ``run`` return."""
     bench = Bench(tmp_path)
-    bench.server.open()
-    bench.server.loop.call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
-    bench.server.loop.install_signal_handlers([signal.SIGTERM])
-    bench.server.run()
+    bench.rack.open()
+    bench.rack.loop.call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
+    bench.rack.loop.install_signal_handlers([signal.SIGTERM])
+    bench.rack.run()
     assert not os.path.lexists(bench.pty.url)

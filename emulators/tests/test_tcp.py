@@ -14,6 +14,7 @@ from axistwin.errors import PortError, UsageError
 from axistwin.ports.rfc2217 import Rfc2217Port
 from axistwin.ports.tcp import CLIENTS_MAX, TcpPort, is_loopback, parse_address
 from axistwin.runtime.serving.line_server import BAUD_MIN, TURN_NS, Server
+from axistwin.runtime.serving.rack import Rack
 from axistwin.wire.framing import LineFormat
 
 pytestmark = pytest.mark.system
@@ -126,12 +127,13 @@ def test_a_flooder_that_gives_up_and_closes_leaves_the_line_free(scheme: str, ho
     with contextlib.ExitStack() as stack:
         line = stack.enter_context(catalog.build_line(specs))
         port, quiet = make(f"{host}:0"), TcpPort("127.0.0.1:0")
-        server = Server(line, [port, quiet])
+        rack = Rack()
+        rack.add(Server(line, [port, quiet], loop=rack.loop))
         try:
-            server.start()
+            rack.start()
         except PortError:
             pytest.skip("this machine has no IPv6")
-        stack.callback(server.stop)
+        stack.callback(rack.stop)
         flooder = socket.create_connection(parse_address(port.url.partition("//")[2]))
         flooder.settimeout(0.3)
         with pytest.raises(TimeoutError):
@@ -154,9 +156,10 @@ def test_a_slow_client_that_sends_and_closes_leaves_the_line_free() -> None:
     with contextlib.ExitStack() as stack:
         line = stack.enter_context(catalog.build_line([catalog.parse_device("mac23")]))
         slow, quiet = Rfc2217Port("127.0.0.1:0"), TcpPort("127.0.0.1:0")
-        server = Server(line, [slow, quiet])
-        server.start()
-        stack.callback(server.stop)
+        rack = Rack()
+        rack.add(Server(line, [slow, quiet], loop=rack.loop))
+        rack.start()
+        stack.callback(rack.stop)
         with socket.create_connection((slow.host, slow.port)) as client:
             client.sendall(b"\xff\xfa\x2c\x01\0\0\0\1\xff\xf0" + b"U" * 50)
             assert eventually(lambda: line.host_format.baud == BAUD_MIN)
@@ -214,13 +217,13 @@ def test_a_port_in_use_is_one_clear_line(bench: Bench) -> None:
     """The message names the address and the remedy."""
     address = bench.tcp.url.removeprefix("socket://")
     with pytest.raises(PortError, match=rf"tcp {address}: .*in use.*0 for a free one"):
-        Bench(address).server.open()
+        Bench(address).rack.open()
 
 
 def test_an_address_of_another_machine_cannot_be_listened_at() -> None:
     """One clear line, too."""
     with pytest.raises(PortError, match=r"tcp 192\.0\.2\.1:0: cannot listen there"):
-        Bench("192.0.2.1:0").server.open()
+        Bench("192.0.2.1:0").rack.open()
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from axistwin_conformance.transport.kinds import TransportKind
+
 
 @dataclass(frozen=True, slots=True)
 class Identity:
@@ -17,8 +19,13 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """One model of a family; `facts` are what its checks must know of it (scalings, ranges)."""
+    """One model of a family.
+
+    `facts`: what its checks must know of it (scalings, ranges).  `over`: the `Family` that judges
+    it over each other kind of transport that it has, beside its family's own.
+    """
 
     name: str
     title: str
     facts: Any = None
+    over: Mapping[TransportKind, Any] = field(default_factory=dict)

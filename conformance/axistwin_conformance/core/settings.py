@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Final
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """The bounds of motion on this device: `max_travel` increments either way from where the run
-    found the axis, `max_speed` increments per second."""
+    """The bounds of motion on this device: `max_travel` increments or steps either way from where
+    the run found each axis, `max_speed` per second."""
 
     max_travel: int
     max_speed: int

@@ -12,23 +12,26 @@ from axistwin_conformance.base.ledger import Ledger, Requirement
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.verdicts import Finding, Verdict, join_texts, merge
 from axistwin_conformance.engine.result import RequirementResult, Result
+from axistwin_conformance.transport.kinds import HID
 
 CONFORMS, FAILS, USAGE, UNREACHABLE, UNSETTLED, INTERRUPTED = 0, 1, 2, 3, 4, 130
 
 NO_RIG = "needs a rig that works inputs, supply or load"
 NOT_COVERED = "not covered: no check judges it yet"
+ELSEWHERE = "judged over its serial line (--port URL)"
 
 
 def conclude(result: Result, ledger: Ledger) -> None:
     """Fill in the verdicts per requirement, the exit status and the closing sentence."""
     unstarted = _unstarted(result)
+    elsewhere = ELSEWHERE if result.options.family.transport_kind is HID else ""
     spoken: dict[str, list[tuple[str, Finding]]] = {}
     for ran in result.checks:
         for finding in ran.findings:
             spoken.setdefault(finding.requirement, []).append((ran.check.name, finding))
     judged = []
     for key, requirement in ledger.requirements.items():
-        one = _judge(requirement, spoken.get(key, []), unstarted)
+        one = _judge(requirement, spoken.get(key, []), unstarted, elsewhere)
         # A breach seen by the way is told, also if nobody asked about that requirement.
         if key in result.plan.requirements or one.verdict is Verdict.FAIL:
             judged.append(one)
@@ -54,11 +57,14 @@ def _judge(
     requirement: Requirement,
     spoken: list[tuple[str, Finding]],
     unstarted: Mapping[Check, str],
+    elsewhere: str,
 ) -> RequirementResult:
     missing = {c.name: why for c, why in unstarted.items() if requirement.id in c.requirements}
     verdict = merge(finding.verdict for _, finding in spoken)
     names = tuple(dict.fromkeys([name for name, _ in spoken] + list(missing)))
     reason = _reason(requirement, verdict, [f for _, f in spoken], missing, len(names))
+    if elsewhere and not names and not requirement.not_on_wire:
+        reason = elsewhere
     return RequirementResult(requirement, verdict, reason, names, tuple(spoken))
 
 

@@ -34,9 +34,9 @@ def families() -> tuple[Family, ...]:
 @cache
 def family_options() -> tuple[FamilyOption, ...]:
     """The options of the command line that belong to families: what the `OPTIONS` of each module
-    `options` below this package has declared, in the order of `--help`."""
+    `options` below this package has declared, in the order of `--help`; once what several share."""
     declared = (importlib.import_module(name).OPTIONS.declared for name in _modules("options"))
-    return tuple(sorted(sum(declared, ()), key=lambda option: option.order))
+    return tuple(sorted({*sum(declared, ())}, key=lambda option: option.order))
 
 
 def find_family(model: str) -> Family:

@@ -20,7 +20,7 @@ import jinja2
 
 from axistwin_conformance.base.errors import counted
 from axistwin_conformance.base.recording import FOLDER
-from axistwin_conformance.engine.judgement import CONFORMS
+from axistwin_conformance.engine.judgement import CONFORMS, ELSEWHERE
 from axistwin_conformance.report.failures import (
     ALSO,
     LAST_PROBLEMS,
@@ -44,6 +44,7 @@ SIGNS = {
     "not run": "–",
 }
 NOT_COVERED, NOT_ON_WIRE, NOT_ARMED = "not covered", "not on the wire", "not armed"
+ON_THE_LINE = "of the serial line"
 
 PROFILE = "profile"  # the anchor of its article
 
@@ -288,6 +289,8 @@ def _profile_article(report: Report) -> list[Article]:
 def _coverage(judged: Mapping[str, Any]) -> str:
     if judged["checks"]:
         return counted(len(judged["checks"]), "check")
+    if judged["reason"] == ELSEWHERE:
+        return ON_THE_LINE
     return NOT_ON_WIRE if judged["not_on_wire"] else NOT_COVERED
 
 

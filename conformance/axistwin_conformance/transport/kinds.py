@@ -1,9 +1,9 @@
-"""The two ways a device hangs on, in the words of the command line: a byte line and a CAN bus."""
+"""How devices are reached, in the words of the command line: a byte line, a CAN bus, USB HID."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -24,8 +24,8 @@ class TransportKind:
     """How a kind of device is reached, and what that is called.
 
     `word`: what modules share; `option` and `rate_option`: where it is and how fast, on the command
-    line; `metavar` and `example`: of what stands behind `option`; `twin`: how that begins
-    for a twin in this process.
+    line, empty where there is no rate; `metavar` and `example`: of what stands behind `option`;
+    `twin`: how that begins for a twin in this process, empty where there is none.
     """
 
     word: str
@@ -37,7 +37,7 @@ class TransportKind:
 
     def spell(self, data: bytes) -> str:
         """What was said, as reports show it: bytes in hex, frames as candump's log has them."""
-        if self.word == "line":
+        if self.word != "bus":
             return in_hex(data)
         return " ".join(frame.candump for frame in unpack_all(data))
 
@@ -61,35 +61,40 @@ BUS: Final = TransportKind(
     "socketcan:can0 or --can slcan:/dev/ttyACM0",
     "axistwin:",
 )
-TRANSPORT_KINDS: Final = (LINE, BUS)
+HID: Final = TransportKind("USB", "--hid", "", "PATH", "/dev/hidraw0", "")
+TRANSPORT_KINDS: Final = (LINE, BUS, HID)
 
 
 def choose_endpoint(
-    kind: TransportKind,
+    kinds: Sequence[TransportKind],
     model: str,
     endpoints: Mapping[str, str | None],
     rates: Mapping[str, int | None],
-) -> tuple[str | None, int | None]:
-    """What was given of where and how fast, by option; raises UsageError for what the model's way
-    does not have."""
-    where = f"{with_article(model)} is on a {kind.word}"
-    for other in TRANSPORT_KINDS:
-        if other is kind:
-            continue
-        if endpoints[other.option] is not None:
+) -> tuple[TransportKind, str | None, int | None]:
+    """How a device of a model is reached, of the `kinds` that it has, where and how fast, of what
+    was given by option; raises UsageError for what does not go with the model or with the rest."""
+    named = [other for other in TRANSPORT_KINDS if endpoints.get(other.option) is not None]
+    usual = kinds[0]
+    kind = next((other for other in named if other in kinds), usual)
+    where = f"{with_article(model)} is on a {usual.word}"
+    for other in named:
+        if other not in kinds:
             raise UsageError(
                 f"{other.option} {endpoints[other.option]}: {where}:"
-                f" {kind.option} {kind.metavar}, for instance {kind.option} {kind.example}"
+                f" {usual.option} {usual.metavar}, for instance {usual.option} {usual.example}"
             )
-        if rates[other.rate_option] is not None:
-            raise UsageError(
-                f"{other.rate_option} {rates[other.rate_option]}: {where};"
-                f" its rate is {kind.rate_option}"
-            )
-    endpoint = endpoints[kind.option]
+        if other is not kind:
+            raise UsageError(f"{kind.option} and {other.option}: judge it over one of them")
+    for option, rate in rates.items():
+        if rate is None or option == kind.rate_option:
+            continue
+        if not kind.rate_option:
+            raise UsageError(f"{option} {rate}: {kind.word} has no rate; leave it out")
+        raise UsageError(f"{option} {rate}: {where}; its rate is {kind.rate_option}")
+    endpoint, rate = endpoints.get(kind.option), rates.get(kind.rate_option)
     if endpoint is not None:
-        check_endpoint(kind, endpoint, rates[kind.rate_option])
-    return endpoint, rates[kind.rate_option]
+        check_endpoint(kind, endpoint, rate)
+    return kind, endpoint, rate
 
 
 def check_endpoint(kind: TransportKind, endpoint: str, rate: int | None) -> None:
@@ -98,6 +103,9 @@ def check_endpoint(kind: TransportKind, endpoint: str, rate: int | None) -> None
         from axistwin_conformance.transport.can import check_interface
 
         check_interface(endpoint, rate)
+    elif kind is HID:
+        if "://" in endpoint:
+            raise UsageError(f"--hid {endpoint} is a URL: write a path such as {kind.example}")
     elif HOST_AND_PORT.fullmatch(endpoint) and not Path(endpoint).exists():
         raise UsageError(
             f"--port {endpoint} is no device; a line over TCP is --port socket://{endpoint}"

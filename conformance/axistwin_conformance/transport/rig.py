@@ -1,6 +1,7 @@
 """The rig: whatever works the device's inputs, supply, temperature and shaft while it is judged.
 
-    TwinRig      the controls of a twin in this process, behind its port or bus object
+    TwinRig      the controls of a twin: in this process, behind its port or bus object, or of a
+                 daemon, over HTTP
     CommandRig   a command of the user's, run once per act, without a shell
     PromptRig    the person at the terminal, asked to do it
 
@@ -27,10 +28,12 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol, TextIO, TypeAlias
+from typing import Any, Final, Protocol, TextIO, TypeAlias, cast
+from urllib.parse import urlsplit
 
 from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.transport.kinds import LINE, TransportKind
+from axistwin_conformance.transport.remote_twin import SCHEME, Daemon, RefusedByTwin, RemoteTwin
 from axistwin_conformance.transport.transport import Transport, is_twin_url
 
 KINDS: Final = ("twin", "prompt", "command")
@@ -199,12 +202,18 @@ class Rig(ABC):
 
 
 class TwinRig(Rig):
-    """Works the twin behind the target, by the controls that it offers under their names."""
+    """Works a twin, the one behind the target unless given, by the names of its controls."""
 
-    def __init__(self, target: Transport, address: int, controls: RigControls) -> None:
+    def __init__(
+        self,
+        target: Transport,
+        address: int,
+        controls: RigControls,
+        twin: RemoteTwin | None = None,
+    ) -> None:
         super().__init__(target, controls)
         self.is_exact = VIRTUAL in target.description  # else time passes while we are at it
-        self._twin = _twin_at(target, address)
+        self._twin = _twin_at(target, address) if twin is None else cast(Any, twin)
         self._usual = {
             name: self._twin.controls[control.twin].value
             for name, control in controls.items()
@@ -220,6 +229,8 @@ class TwinRig(Rig):
             else:
                 path, worked = control.twin[bool(value)]
             self._twin.controls[path].set(worked)
+        except RigError as error:  # a daemon that does not answer
+            raise RigError(f"{act}: {error}") from error
         except Exception as error:  # whatever a twin raises, the run goes on without it
             if not control.is_optional:
                 raise RigError(f"{act}: {error}") from error
@@ -355,7 +366,10 @@ class PromptRig(Rig):
 
 @dataclass(frozen=True, slots=True)
 class RigChoice:
-    """The rig of a run, as chosen on the command line; `kind` is empty for none."""
+    """The rig of a run, as chosen on the command line.
+
+    `kind`: empty for none, one of KINDS, or the URL of a daemon's control API.
+    """
 
     kind: str = ""
     command: str = ""
@@ -373,6 +387,8 @@ class RigChoice:
                 rig = PromptRig(target, controls, notify=notify)
             case "command":
                 rig = CommandRig(target, controls, self.command)
+            case url if url.startswith(SCHEME):
+                rig = TwinRig(target, address, controls, RemoteTwin(url, address))
             case _:
                 return None
         rig.capabilities = self.capabilities
@@ -404,8 +420,16 @@ def choose_rig(
         kind = "command" if command is not None else "twin" if is_twin else ""
     if command is not None and kind != "command":
         raise UsageError(f"--rig-command goes with --rig command, not with --rig {kind}")
+    if kind not in ("", *KINDS) and not kind.startswith(SCHEME):
+        raise UsageError(
+            f"--rig {kind}: choose one of {', '.join(KINDS)}, or the URL of a daemon's control "
+            f"API, such as {SCHEME}127.0.0.1:8080"
+        )
+    if kind.startswith(SCHEME) and is_allowed:
+        _check_daemon(kind)
     if kind == "twin" and not is_twin:
-        where = f"{transport_kind.option} {transport_kind.twin}..."
+        twin = f"{transport_kind.option} {transport_kind.twin}..."
+        where = twin if transport_kind.twin else f"leave out {transport_kind.option}"
         raise UsageError(f"--rig twin needs a twin in this process: {where}")
     if kind == "prompt" and is_allowed and not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise UsageError("--rig prompt needs a terminal with somebody to ask; try --rig command")
@@ -416,6 +440,15 @@ def choose_rig(
     _check_template(command)
     able = ask_capabilities(command, sorted(capabilities)) if is_allowed else frozenset()
     return RigChoice(kind, command, able)
+
+
+def _check_daemon(url: str) -> None:
+    try:
+        Daemon(urlsplit(url).netloc).ask("GET", "devices")
+    except (RigError, ValueError, RefusedByTwin) as error:
+        raise UsageError(
+            f"--rig {url}: {error}; start the twins with 'axistwin run ... --control HOST:PORT'"
+        ) from error
 
 
 def _check_template(template: str) -> None:

@@ -18,10 +18,12 @@ from textwrap import wrap
 import click
 
 from axistwin.ports import socketcan
+from axistwin.ports.hid import uhid
 
 EXIT_LACKING = 1
 SCREEN_COLUMNS = 80
 INDENT = " " * 29
+_HIDRAW_CLASS = Path("/sys/class/hidraw")
 
 
 class Lack(Exception):  # noqa: N818 - a finding, not a failure of ours
@@ -150,13 +152,33 @@ def check_python_can() -> str:
 
 
 def check_uhid() -> str:
-    """USB HID devices made by programs: for models on USB."""
-    path = Path("/dev/uhid")
-    if not path.exists():
-        raise Lack("no /dev/uhid; only twins on USB need it", "sudo modprobe uhid")
-    if not os.access(path, os.R_OK | os.W_OK):
-        raise Lack("no permission for /dev/uhid", "run as root, or add a udev rule for it")
+    """HID devices made by programs: what ``axistwin run --hid`` needs, and nothing else does."""
+    lack = uhid.missing()
+    if lack is not None:
+        found, remedy = lack
+        raise Lack(
+            f"{found}; only 'run --hid' needs it", f"axistwin.hid works without; else: {remedy}"
+        )
     return "works"
+
+
+def check_hidraw() -> str:
+    """HID devices that programs can open: for judging a real one."""
+    if not _HIDRAW_CLASS.exists():
+        raise Lack(
+            "the kernel has no hidraw; only 'conform --hid' needs it",
+            "use a kernel with CONFIG_HIDRAW; a board on its serial line needs none",
+        )
+    nodes = [Path("/dev", entry.name) for entry in sorted(_HIDRAW_CLASS.iterdir())]
+    if not nodes:
+        raise Lack("no HID device found", "plug in a board; a twin needs none")
+    denied = [str(node) for node in nodes if not os.access(node, os.R_OK | os.W_OK)]
+    if denied:
+        raise Lack(
+            f"no permission for {', '.join(denied)}",
+            f"run as root, or: sudo chown $USER {' '.join(denied)}",
+        )
+    return ", ".join(map(str, nodes))
 
 
 def check_suite() -> str:
@@ -180,6 +202,7 @@ CHECKS: tuple[tuple[str, bool, Callable[[], str]], ...] = (
     ("CAN interfaces", False, check_can),
     ("CAN without kernel", False, check_python_can),
     ("USB HID (uhid)", False, check_uhid),
+    ("USB HID (hidraw)", False, check_hidraw),
     ("conformance suite", False, check_suite),
 )
 

@@ -10,7 +10,6 @@ Commands may define others.
 from __future__ import annotations
 
 import importlib
-import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from axistwin import __version__, _starting
+from axistwin.cli.extras import DISTRIBUTION, needed
 from axistwin.cli.output import EXIT_USAGE, discard_stdout, stdout_failure
 from axistwin.errors import AxistwinError, UsageError, nearest
 
@@ -34,6 +34,10 @@ _OWN = {
     "run": (
         "axistwin.cli.run.command",
         "Run twins on a serial line or a CAN bus that any program can open.",
+    ),
+    "ctl": (
+        "axistwin.cli.ctl",
+        "Work inputs, supply, power and faults of a running daemon.",
     ),
     "send": (
         "axistwin.cli.send",
@@ -137,6 +141,10 @@ def _added() -> list[EntryPoint]:
     return list(entry_points(group=COMMAND_GROUP))
 
 
+def _distribution(point: EntryPoint) -> str:
+    return point.dist.name if point.dist is not None else DISTRIBUTION
+
+
 def _load(point: EntryPoint) -> click.Command:
     """Import an added command.  Raises UsageError with the remedy if that fails."""
     try:
@@ -144,31 +152,11 @@ def _load(point: EntryPoint) -> click.Command:
     except ImportError as error:
         raise UsageError(
             f"command {point.name!r} cannot be loaded ({error}); install what it needs: "
-            f"pip install {_needed(point, error.name)}"
+            f"pip install {needed(error.name, _distribution(point))}"
         ) from error
     if not isinstance(command, click.Command):
         raise UsageError(f"command {point.name!r} ({point.value}) is not a click command")
     return command
-
-
-def _needed(point: EntryPoint, module: str | None) -> str:
-    """What to pass to pip when ``module`` is missing: all that the extra with it asks for.
-
-    Each by its own name: that of the extra's distribution is nothing that pip finds, unless it is
-    published.
-    """
-    from importlib.metadata import requires
-
-    extras: dict[str, list[str]] = {}
-    for line in requires(point.dist.name if point.dist is not None else "axistwin") or ():
-        requirement, _, marker = line.partition(";")
-        extras.setdefault(marker.strip(), []).append(requirement.strip())
-    wanted = (module or "").partition(".")[0].replace("_", "-").lower()
-    for marker, requirements in extras.items():
-        names = {re.split(r"[^\w.-]", each, maxsplit=1)[0].lower() for each in requirements}
-        if "extra ==" in marker and wanted in {name.replace("_", "-") for name in names}:
-            return " ".join(f"'{requirement}'" for requirement in requirements)
-    return wanted or "axistwin"
 
 
 def _one_line(error: click.ClickException) -> str:
@@ -197,6 +185,7 @@ def main() -> None:
     axistwin run mac23                 a MAC23 at ./mac23, for any serial program
     axistwin run mac23:0 mac34-1:5     two modules on one line
     axistwin run mac23-can             a MAC23 on vcan0, or an slcan adapter
+    axistwin ctl mac23 power cycle     work a run that has --control
     axistwin send ./mac23 'go to 125'  one command in words, and the reply
     axistwin decode mac23 capture.txt  recorded bytes in words
     axistwin plot mn400 M500,300       the motion of a command as a picture

@@ -4,6 +4,7 @@ The driver calls with the time; the device returns effects and says when it want
 Calls arrive in the order of time.  A device never looks at anything but its arguments.
 """
 
+from collections import deque
 from collections.abc import Container, Mapping
 from typing import Any, Protocol, Self
 
@@ -94,6 +95,19 @@ class SerialDevice(Device, Protocol):
         At most the last byte of a chunk causes effects (the line keeps to ``quiet_prefix``).  A bad
         character comes alone, and only to who does not drop it.
         """
+
+
+class UsbDevice(Protocol):
+    """The part of a serial device that is a HID device on USB as well.
+
+    reports: the IN reports that its host has not taken, oldest first.  A ``ReportReady`` tells of
+    each one.
+    """
+
+    reports: deque[bytes]
+
+    def receive_report(self, now: Nanos, data: bytes) -> list[Effect]:
+        """Take an OUT report."""
 
 
 class CanDevice(Device, Protocol):

@@ -22,6 +22,13 @@ Kind: TypeAlias = Literal[
 ]
 """What a value is; ``data`` is only read, ``nothing`` is what an action without a value takes."""
 
+NUMBER_MAX: Final = 1e18
+WHOLE_MAX: Final = 2**63 - 1
+"""The largest numbers that are taken by any control; most have closer limits."""
+
+KEYS_SHOWN_MAX: Final = 32
+"""Of a control with more keys nobody shows all values together."""
+
 
 @dataclass(frozen=True, slots=True)
 class Control:
@@ -33,6 +40,7 @@ class Control:
     unit, low, high: of a number.  choices: of a choice.  keys: texts or numbers (rule 2).
     names: the snapshot's field that has numbers by name.  noun: what messages call it, the name
     unless given.  record, members: the class of a record and what it consists of.
+    is_live: whoever looks on is told when it changes; else it is only looked up.
     attribute: what Python handles call it, the name unless given; "": they do not have it.
     parameters: of the Python method that works it; default: of the last one.
     """
@@ -53,6 +61,7 @@ class Control:
     noun: str = ""
     record: type[Any] | None = None
     members: "tuple[Control, ...]" = ()
+    is_live: bool = True
     attribute: str | None = None
     parameters: tuple[str, ...] | None = None
     default: Any = None
@@ -61,6 +70,12 @@ class Control:
     def python_name(self) -> str:
         """What it is called on a handle; empty if it is not there."""
         return self.name if self.attribute is None else self.attribute
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether its device tells its value, or those for its keys, that can be shown together."""
+        few = self.keys is None or len(self.keys) <= KEYS_SHOWN_MAX
+        return bool(self.read or self.field) and few and self.kind != "program"
 
     def label(self, *keys: int | str) -> str:
         """What messages call it, or the value for a key."""
@@ -83,13 +98,16 @@ def _number(control: Control, value: Any, label: str) -> float:
     allowed = f"{low:g}..{high:g}" if high is not None else f"at least {low:g}"
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise UsageError(f"{label} = {value!r} is no number; set {allowed} {control.unit}")
-    if not (low is None or low <= value) or not (high is None or value <= high):
+    is_within = (low is None or low <= value) and (high is None or value <= high)
+    if not (is_within and abs(value) <= NUMBER_MAX):
         raise UsageError(f"{label} = {value!r} is out of range: {allowed} {control.unit}")
     return float(value)
 
 
 def _whole(control: Control, value: Any, label: str) -> int:
     if isinstance(value, int) and not isinstance(value, bool):
+        if abs(value) > WHOLE_MAX:
+            raise UsageError(f"{label} is out of range: -{WHOLE_MAX}..{WHOLE_MAX} {control.unit}")
         return value
     if control.unit:
         raise UsageError(f"{label} {value!r} is no number of {control.unit}; give a whole number")
@@ -100,6 +118,12 @@ def _choice(control: Control, value: Any, label: str) -> str:
     if value not in control.choices:
         raise UsageError(f"{label} {value!r}: {nearest(str(value), control.choices)}")
     return str(value)
+
+
+def _text(control: Control, value: Any, label: str) -> str:
+    if not isinstance(value, str):
+        raise UsageError(f"{label} {value!r} is no text; give a text")
+    return value
 
 
 def _record(control: Control, value: Any, label: str) -> Any:
@@ -115,6 +139,7 @@ _CHECKS: Final[Mapping[str, Callable[[Control, Any, str], Any]]] = {
     "number": _number,
     "whole": _whole,
     "choice": _choice,
+    "text": _text,
     "record": _record,
 }
 
@@ -159,6 +184,12 @@ COMMON: Final = (
     POWER,
     Control("address", "whole", "the address it answers at now", "address"),
     Control("state", "text", "what it is doing now, in words", "state_text"),
-    Control("cells", "data", "the nonvolatile cells by name, as they are now", read="cells"),
+    Control(
+        "cells",
+        "data",
+        "the nonvolatile cells by name, as they are now",
+        read="cells",
+        is_live=False,
+    ),
 )
 """What every device has."""

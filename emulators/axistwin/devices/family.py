@@ -7,7 +7,7 @@ else belongs to the family is imported in the methods below: listing the models 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 from axistwin.errors import UsageError
 from axistwin.kernel.time import Nanos
@@ -39,11 +39,26 @@ class DeviceOptions:
     alone: bool = True
 
 
+class UsbIdentity(NamedTuple):
+    """How a device shows itself on USB: a HID device with one unnumbered report each way.
+
+    report_bytes: of either report.  product_name: its string descriptor.
+    """
+
+    vendor_id: int
+    product_id: int
+    report_bytes: int
+    product_name: str
+
+
 class Family(ABC):
     """What the models of a family share."""
 
     carrier: ClassVar[Carrier] = "serial"
     """Whether ``make`` gives a ``SerialDevice`` or a ``CanDevice``."""
+
+    usb: ClassVar[UsbIdentity | None] = None
+    """Given if what ``make`` gives is a ``UsbDevice`` too."""
 
     @abstractmethod
     def quirks(self) -> "Mapping[str, Quirk]":
@@ -118,6 +133,11 @@ class Model:
     def carrier(self) -> Carrier:
         """What it is reached over."""
         return self.family.carrier
+
+    @property
+    def usb(self) -> UsbIdentity | None:
+        """What it is on USB; None: it has none."""
+        return self.family.usb
 
     def make(self, address: int, options: DeviceOptions | None = None) -> "TwinDevice":
         """A device at ``address``.  Raises UsageError for bad quirks."""

@@ -30,6 +30,23 @@ class Refused(Trace):
 
 
 @dataclass(frozen=True, slots=True)
+class ReportReady(Trace):
+    """The device has an IN report on USB for its host; ``content`` is without the padding."""
+
+    content: bytes
+
+    def __str__(self) -> str:
+        return f"USB < {report_text(self.content)}"
+
+
+def report_text(content: bytes) -> str:
+    """What a report holds, as far as it is text, else in hex; without the nulls at its end."""
+    told = content.rstrip(b"\0")
+    is_text = told.isascii() and told.decode("latin-1").isprintable()
+    return told.decode("ascii") if is_text else told.hex(" ").upper()
+
+
+@dataclass(frozen=True, slots=True)
 class ProgramStarted(Trace):
     """The user's program runs from its beginning."""
 

@@ -42,8 +42,9 @@ from typing import Generic, Protocol, TypeVar
 from axistwin.errors import PortError
 from axistwin.ports.link import Link
 from axistwin.ports.stream import REST_S, SerialStream, Stream
+from axistwin.runtime.serving.base_server import Report
 from axistwin.runtime.serving.line_server import Server
-from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.serving.loop import LoopShare
 from axistwin.wire.framing import LineFormat
 
 # Linux's asm-generic/termbits.h; the termios module knows neither these nor odd rates.
@@ -63,11 +64,11 @@ class Owner(Protocol):
     """Whose loop a pty is served in, and who is told of its clients."""
 
     @property
-    def loop(self) -> Loop:
+    def loop(self) -> LoopShare:
         """Where it is served."""
 
     @property
-    def report(self) -> Callable[[dict[str, object]], object]:
+    def report(self) -> Report:
         """What is called with each event."""
 
 

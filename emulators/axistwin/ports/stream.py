@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 
 from axistwin.runtime.serving.line_server import Server
-from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.serving.loop import LoopShare
 from axistwin.wire.framing import LineFormat
 
 READ_MAX = 1024
@@ -38,7 +38,7 @@ class Stream(ABC):
 
     def __init__(
         self,
-        loop: Loop,
+        loop: LoopShare,
         fd: int,
         on_end: Callable[[], None],
         is_abandoned: Callable[[], bool] = lambda: False,

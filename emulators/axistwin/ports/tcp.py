@@ -73,6 +73,42 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+def listen(kind: str, host: str, port: int, *options: tuple[int, int, int]) -> socket.socket:
+    """A socket that listens there; ``kind`` is what messages call it.  Raises PortError.
+
+    options: of the socket and what it accepts: level, name, value.
+    """
+    listener: socket.socket | None = None
+    try:
+        family, type_, protocol, _, place = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listener = socket.socket(family, type_, protocol)
+        for option in ((socket.SOL_SOCKET, socket.SO_REUSEADDR, 1), *options):
+            listener.setsockopt(*option)
+        listener.bind(place)
+        listener.listen(_BACKLOG)
+    except UnicodeError:  # neither the characters nor the length of a name
+        raise PortError(
+            f"{kind} {host}:{port}: no such host (no name of one); "
+            "give an address of this machine, such as 127.0.0.1"
+        ) from None
+    except OSError as error:
+        if listener is not None:
+            listener.close()
+        reason = (error.strerror or str(error)).lower()
+        if isinstance(error, socket.gaierror):
+            raise PortError(
+                f"{kind} {host}:{port}: no such host ({reason}); "
+                "give an address of this machine, such as 127.0.0.1"
+            ) from None
+        raise PortError(
+            f"{kind} {host}:{port}: cannot listen there ({reason}); "
+            "choose another port, or 0 for a free one"
+        ) from None
+    return listener
+
+
 class Farewell:
     """Finds out that the client of a ``connection`` that is not read has closed it."""
 
@@ -151,35 +187,13 @@ class Listener(ABC, Generic[ServerT]):
 
     def open(self) -> None:
         """Listen.  Raises PortError."""
-        listener: socket.socket | None = None
-        try:
-            family, kind, protocol, _, place = socket.getaddrinfo(
-                self.host, self.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-            )[0]
-            listener = socket.socket(family, kind, protocol)
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
-            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, _SEGMENT_BYTES)
-            listener.bind(place)
-            listener.listen(_BACKLOG)
-        except UnicodeError:  # neither the characters nor the length of a name
-            raise PortError(
-                f"{self.kind} {self.host}:{self.port}: no such host (no name of one); "
-                "give an address of this machine, such as 127.0.0.1"
-            ) from None
-        except OSError as error:
-            if listener is not None:
-                listener.close()
-            reason = (error.strerror or str(error)).lower()
-            if isinstance(error, socket.gaierror):
-                raise PortError(
-                    f"{self.kind} {self.host}:{self.port}: no such host ({reason}); "
-                    "give an address of this machine, such as 127.0.0.1"
-                ) from None
-            raise PortError(
-                f"{self.kind} {self.host}:{self.port}: cannot listen there ({reason}); "
-                "choose another port, or 0 for a free one"
-            ) from None
+        listener = listen(
+            self.kind,
+            self.host,
+            self.port,
+            (socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES),
+            (socket.IPPROTO_TCP, socket.TCP_MAXSEG, _SEGMENT_BYTES),
+        )
         listener.setblocking(False)
         self.port = listener.getsockname()[1]
         self._listener = listener

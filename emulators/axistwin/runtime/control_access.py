@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Any, Protocol
 
 from axistwin.devices.controls import POWER, Control, ControlTable
-from axistwin.errors import UsageError, nearest
+from axistwin.errors import UnknownNameError, UsageError, nearest
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
 
@@ -24,10 +24,10 @@ class Present(Protocol):
     def advance(self, duration_ns: Nanos) -> Nanos:
         """Let ``duration_ns`` pass; returns the present time."""
 
-    def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> None:
+    def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> Nanos:
         """Have ``action`` do something to device ``index`` now, and perform its effects."""
 
-    def set_power(self, index: int, on: bool) -> None:
+    def set_power(self, index: int, on: bool) -> Nanos:
         """Apply or cut the supply of device ``index`` now."""
 
     def note(self, text: str) -> None:
@@ -47,41 +47,73 @@ class DeviceAccess:
         self._index = index
         self._device = device
 
-    def set_power(self, *, on: bool) -> None:
-        """Apply or cut the supply; nothing happens if it is so already."""
-        with self.simulation.present():
-            if self.is_powered is not on:
-                self.is_powered = on
-                self.simulation.note(f"{self.name}: power {'on' if on else 'off'}")
-                self.simulation.set_power(self._index, on=on)
+    def set_power(self, *, on: bool) -> Nanos:
+        """Apply or cut the supply, and when; nothing happens if it is so already."""
+        with self.simulation.present() as now:
+            if self.is_powered is on:
+                return now
+            self.is_powered = on
+            self.simulation.note(f"{self.name}: power {'on' if on else 'off'}")
+            return self.simulation.set_power(self._index, on=on)
 
     def read(self, control: Control, *key: int | str) -> Any:
         """How ``control`` is now."""
+        with self.simulation.present() as now:
+            shown = self._device.describe(now) if control.field else {}
+            return self._value(control, now, shown, *key)
+
+    def read_all(self, *, is_live: bool = False) -> tuple[Nanos, dict[str, Any]]:
+        """The present time, and all that can be read then: plain values by the names of controls.
+
+        is_live: without what is only looked up from time to time.
+        """
+        with self.simulation.present() as now:
+            shown = self._device.describe(now)
+            values: dict[str, Any] = {}
+            for control in self.table:
+                if not (control is POWER or control.is_shown) or (is_live and not control.is_live):
+                    continue
+                for key in control.keys or ():
+                    name = f"{control.name}.{key}"
+                    values[name] = plain(self._value(control, now, shown, key))
+                if control.keys is not None:
+                    continue
+                value = self._value(control, now, shown)
+                for member in control.members:
+                    values[f"{control.name}.{member.name}"] = plain(getattr(value, member.name))
+                if not control.members:
+                    values[control.name] = plain(value)
+            return now, values
+
+    def _value(
+        self, control: Control, now: Nanos, shown: Mapping[str, Any], *key: int | str
+    ) -> Any:
         if control is POWER:
             return self.is_powered
-        with self.simulation.present() as now:
-            if not control.field:
-                return getattr(self._device, control.read)(now, *key)
-            value = self._device.describe(now)[control.field]
-            return value if control.scale == 1 else value / control.scale
+        if not control.field:
+            return getattr(self._device, control.read)(now, *key)
+        value = shown[control.field]
+        return value if control.scale == 1 else value / control.scale
 
-    def work(self, control: Control, *arguments: Any, shown: int | str | None = None) -> None:
-        """Work ``control``: a key, if it has keys, and a value; ``shown`` is the key as written."""
+    def work(self, control: Control, *arguments: Any, shown: int | str | None = None) -> Nanos:
+        """Work ``control``, and when: a key, if it has keys, and a value.
+
+        shown: the key as written.
+        """
         if control.kind != "nothing":
             *keys, value = arguments
             names = keys if shown is None else [shown]
             value = control.checked(value, *names)
             arguments = (*keys, value if control.scale == 1 else round(value * control.scale))
         if control is POWER:
-            self.set_power(on=arguments[0])
-            return
+            return self.set_power(on=arguments[0])
         if control.kind == "program":
             from axistwin.programs import find_program
 
             arguments = tuple(map(find_program, arguments))
         self._note(control, arguments, shown)
         write = getattr(self._device, control.write)
-        self.simulation.act(self._index, lambda now: write(now, *arguments))
+        return self.simulation.act(self._index, lambda now: write(now, *arguments))
 
     def _note(self, control: Control, arguments: tuple[Any, ...], shown: int | str | None) -> None:
         """Keep what a hand does: ``inputs.reset = True``."""
@@ -106,6 +138,17 @@ class DeviceAccess:
         if not names:
             raise UsageError(f"{label} {key!r}: {self.name} has no program with names; load one")
         return names[_checked_name(label, key, names)]
+
+
+def plain(value: Any) -> Any:
+    """``value`` as JSON has it: an exact fraction as a number, any mapping or row as its own."""
+    if isinstance(value, Fraction):
+        return float(value)
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    return value
 
 
 # -- what controls with keys, and records, look like -------------------------------------------
@@ -223,6 +266,7 @@ class BoundControl:
         self.kind, self.doc, self.unit = shown.kind, shown.doc, shown.unit
         self.low, self.high, self.choices = shown.low, shown.high, shown.choices
         self.has_numbers = isinstance(control.keys, range) and key is None
+        self.keys = control.keys if self.has_numbers else None
         self.is_readable = control is POWER or bool(control.read or control.field)
         self.is_writable = control is POWER or bool(control.write)
 
@@ -237,22 +281,20 @@ class BoundControl:
             raise UsageError(f"control {self.name} of {self._access.name} is only worked, not read")
         if self._member is None:
             return self._access.read(self._control, *self._keys)
-        value = getattr(self._access.read(self._control), self._member.name)
-        return float(value) if isinstance(value, Fraction) else value
+        return plain(getattr(self._access.read(self._control), self._member.name))
 
-    def set(self, value: Any = None) -> None:
-        """Work it; an action that takes nothing is given nothing.  Raises UsageError."""
+    def set(self, value: Any = None) -> Nanos:
+        """Work it, and when; an action that takes nothing is given nothing.  Raises UsageError."""
         self._need_number()
         if not self.is_writable:
             raise UsageError(f"control {self.name} of {self._access.name} is only read, not worked")
         if self._member is None:
             values = () if self.kind == "nothing" else (value,)
-            self._access.work(self._control, *self._keys, *values)
-            return
+            return self._access.work(self._control, *self._keys, *values)
         with self._access.simulation.present():
             whole = self._access.read(self._control)
             checked = self._member.checked(value)
-            self._access.work(self._control, replace(whole, **{self._member.name: checked}))
+            return self._access.work(self._control, replace(whole, **{self._member.name: checked}))
 
     def _need_number(self) -> None:
         if self.has_numbers:
@@ -286,6 +328,14 @@ class Controls(Mapping[str, BoundControl]):
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
+    def read_all(self, *, is_live: bool = False) -> tuple[Nanos, dict[str, Any]]:
+        """The present time, and all that can be read then: plain values by name.
+
+        Of numbers for keys, those of a few.  is_live: without what is only looked up from time to
+        time, such as all cells.
+        """
+        return self._access.read_all(is_live=is_live)
+
     def __getitem__(self, name: str) -> BoundControl:
         if name in iter(self):
             row, _, key = name.partition(".")
@@ -293,17 +343,11 @@ class Controls(Mapping[str, BoundControl]):
         row, _, key = name.partition(".")
         control = self._rows.get(row)
         if control is None or not isinstance(control.keys, range) or not key:
-            raise _NoSuchControlError(
+            raise UnknownNameError(
                 f"{self._access.name} has no control {name!r}: {nearest(name, self)}"
             )
         number = int(key) if key.isascii() and key.isdigit() else key
         return BoundControl(self._access, control, self._access.number(control, number))
-
-
-class _NoSuchControlError(UsageError, KeyError):
-    """A user's mistake, and a mapping's."""
-
-    __str__ = UsageError.__str__
 
 
 def _checked_name(kind: str, name: str, known: "Mapping[str, object] | tuple[Any, ...]") -> str:

@@ -5,7 +5,10 @@ is the host's end.
 """
 
 from collections.abc import Callable, Sequence
+from typing import cast
 
+from axistwin.devices.base import UsbDevice
+from axistwin.devices.traces import report_text
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
@@ -256,10 +259,43 @@ class Line(Simulation[SerialNetwork]):
         with self.changing():
             self._network.host_purge_output()
 
+    def usb_cable(self, index: int) -> "UsbCable":
+        """The host's end of the cable to the USB port of device ``index``, which must have one."""
+        return UsbCable(self, index, cast(UsbDevice, self._stations[index].device))
+
     def render_transcript(self) -> str:
         """The transcript with every frame in words."""
         with self._lock:
             return self.transcript.render(self._explain)
+
+
+class UsbCable:
+    """The host's end of the cable to ``device``, number ``index`` of ``line``: whole reports."""
+
+    def __init__(self, line: Line, index: int, device: UsbDevice) -> None:
+        self._line = line
+        self._index = index
+        self._device = device
+
+    def send(self, report: bytes) -> None:
+        """Let the device take an OUT report, without a report number, now."""
+        self._line.note(f"USB > {report_text(report)}")
+        self._line.act(self._index, lambda now: self._device.receive_report(now, report))
+
+    @property
+    def has_report(self) -> bool:
+        """Whether ``receive`` would give something, even without looking at the clock."""
+        return bool(self._device.reports)
+
+    def receive(self) -> bytes | None:
+        """Take the oldest IN report that has come by now."""
+        with self._line.present():
+            reports = self._device.reports
+            return reports.popleft() if reports else None
+
+    def wait(self, until_ns: Nanos | None, *, stop: Callable[[], bool]) -> Nanos:
+        """``Line.wait`` until there is an IN report; returns the present time."""
+        return self._line.wait(until_ns, None, stop=lambda: self.has_report or stop())
 
 
 def listening(bauds: Sequence[int]) -> str:

@@ -254,20 +254,25 @@ class Simulation(ABC, Generic[Net]):
             self.sync()
             self._tell()
 
-    def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> None:
-        """Have ``action`` do something to device ``index`` now, and perform its effects."""
+    def act(self, index: int, action: Callable[[Nanos], Sequence[Effect]]) -> Nanos:
+        """Have ``action`` do something to device ``index`` now, and perform its effects; when."""
         with self.changing() as now:
             self._network.perform(index, action(now))
             self._save_changed(self._stations[index], now, durable=False)  # a hand moves shafts
+        return now
 
-    def set_power(self, index: int, on: bool) -> None:
-        """Apply or cut the supply of device ``index`` now; what it kept by itself is on disk."""
+    def set_power(self, index: int, on: bool) -> Nanos:
+        """Apply or cut the supply of device ``index`` now; what it kept by itself is on disk.
+
+        Returns when that was.
+        """
         with self.changing() as now:
             if on:
                 self._network.power_on(index)
             else:
                 self._network.power_off(index)
                 self._save_changed(self._stations[index], now, durable=False)
+        return now
 
     def _tell(self) -> None:
         """Something new may be due: tell those who wait for time or keep an alarm."""

@@ -7,6 +7,7 @@
 - Any other line belongs to one port object, which may be closed and opened as often as it likes.
 """
 
+import itertools
 import threading
 import weakref
 from pathlib import Path
@@ -18,10 +19,13 @@ from axistwin.runtime.line import Line
 from axistwin.urlhandler.url import LineOptions, TwinUrl
 
 _living: "weakref.WeakSet[OpenLine]" = weakref.WeakSet()
+_numbers = itertools.count(1)
 
 
 class OpenLine:
     """A line and the options it was made with.  Raises UsageError and StateError.
+
+    number: in the order in which lines of this process were made.
 
     The line is closed, its memory saved, when nobody refers to this object any more, or at the end
     of the process.
@@ -29,6 +33,7 @@ class OpenLine:
 
     def __init__(self, options: LineOptions) -> None:
         self.options = options
+        self.number = next(_numbers)
         self.line = build_line(options)
         self.exclusive_owner: weakref.ref[object] | None = None
         self._host_user = object() if options.host_clock else None

@@ -16,6 +16,7 @@ class EchoLine:
     """
 
     rate_mismatch = None
+    twins = ()
 
     def __init__(self, line_format: LineFormat = OWN_FORMAT) -> None:
         self.own_format = line_format

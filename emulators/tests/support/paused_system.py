@@ -18,7 +18,7 @@ import pytest
 from axistwin.kernel.time import NS_PER_MS, NS_PER_US, Nanos
 from axistwin.runtime.serving import base_server
 from axistwin.runtime.serving.base_server import BaseServer
-from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.serving.rack import Rack
 
 PAUSES_NS = (NS_PER_US, 40 * NS_PER_US, NS_PER_MS, 12 * NS_PER_MS, 60 * NS_PER_MS)
 LONG_NS = 50 * NS_PER_MS
@@ -42,8 +42,8 @@ class PausedSystem:
         self._now_ns: Nanos = 0
         self._due_ns: Nanos | None = None
         self._script: Script = iter(())
-        self._server: BaseServer[Any, Any] | None = None
-        self.loop = Loop()
+        self._rack = Rack()
+        self.loop = self._rack.loop
         self._epoll = self.loop._epoll
         self._bell = os.eventfd(0, os.EFD_NONBLOCK)
         monkeypatch.setattr(self.loop, "_epoll", self)
@@ -58,9 +58,10 @@ class PausedSystem:
 
     def run(self, server: BaseServer[Any, Any], script: Script) -> None:
         """Serve until ``script`` has come to its end."""
-        self._server, self._script = server, script
-        server.open()
-        server.run()
+        self._script = script
+        self._rack.add(server)
+        self._rack.open()
+        self._rack.run()
 
     def close(self) -> None:
         """Nothing: this is the alarm too, which its server closes."""
@@ -134,8 +135,7 @@ class PausedSystem:
         try:
             next(self._script)
         except StopIteration:
-            assert self._server is not None
-            self._server.request_stop()
+            self._rack.request_stop()
 
 
 def received(fd: int) -> bytes:

@@ -13,7 +13,7 @@ from axistwin.cli.send import request_of
 from axistwin.devices.family import Value
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.runtime.bus import Bus
-from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.serving.loop import Loop, LoopShare
 
 CONVERSATIONS: Mapping[str, Sequence[str]] = {
     "mac23": ("position?", "go to 300", "go to 5", "wait 400 ms", "stop", "99h", "status?"),
@@ -27,7 +27,7 @@ EPOCH_NS = 1_795_284_668 * NS_PER_S
 REPLY_NS = 100 * NS_PER_MS
 
 
-def fail(reason: str) -> None:
+def fail(reason: object) -> None:
     """A recording has ended early."""
     raise AssertionError(reason)
 
@@ -39,7 +39,8 @@ def record(
     model = catalog.find_model(name)
     port = TwinSetup(model, model.default_address, quirks or {}).open()
     simulation = port.simulation
-    with simulation, contextlib.closing(Loop()) as loop:
+    with simulation, contextlib.closing(Loop()) as whole_loop:
+        loop = LoopShare(whole_loop, fail)
         recording: Any
         if isinstance(simulation, Bus):
             recording = recording_bus(simulation, str(path), loop, EPOCH_NS, fail)

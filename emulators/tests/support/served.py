@@ -9,6 +9,7 @@ from echo_line import EchoLine
 
 from axistwin.runtime.line import Line
 from axistwin.runtime.serving.line_server import Port, Server
+from axistwin.runtime.serving.rack import Rack
 
 TIMEOUT_S = 20.0
 """How long anything may take before a test fails."""
@@ -23,16 +24,22 @@ class Served:
         self.line = line or EchoLine()
         self.port = port
         self.events: list[dict[str, Any]] = []
-        self.server = Server(
-            cast(Line, self.line), [port], report=lambda event: self.events.append(dict(event))
+        self.rack = Rack()
+        self.server = self.rack.add(
+            Server(
+                cast(Line, self.line),
+                [port],
+                loop=self.rack.loop,
+                report=lambda event: self.events.append(dict(event)),
+            )
         )
 
     def __enter__(self) -> Self:
-        self.server.start()
+        self.rack.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.server.stop()
+        self.rack.stop()
 
     def names(self) -> list[str]:
         """The names of the events so far."""

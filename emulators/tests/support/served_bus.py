@@ -11,6 +11,7 @@ from can.interfaces.slcan import slcanBus
 from axistwin.catalog import build_bus, parse_device
 from axistwin.runtime.clock import PacedClock
 from axistwin.runtime.serving.bus_server import BusPort, BusServer
+from axistwin.runtime.serving.rack import Rack
 from axistwin.runtime.storage import Stores
 
 TIMEOUT_S = 20.0
@@ -35,17 +36,23 @@ class ServedBus:
         specs = [parse_device(f"mac23-can:{address}") for address in (1, 2)]
         self.bus = build_bus(specs, clock=PacedClock(speed), paced=paced, storage=storage)
         self.events: list[dict[str, Any]] = []
-        self.server = BusServer(
-            self.bus, ports, report=lambda event: self.events.append(dict(event))
+        self.rack = Rack()
+        self.server = self.rack.add(
+            BusServer(
+                self.bus,
+                ports,
+                loop=self.rack.loop,
+                report=lambda event: self.events.append(dict(event)),
+            )
         )
 
     def __enter__(self) -> Self:
-        self.server.start()
+        self.rack.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         try:
-            self.server.stop()
+            self.rack.stop()
         finally:
             self.bus.close()
 

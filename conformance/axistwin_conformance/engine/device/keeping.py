@@ -20,13 +20,17 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A file's content: which device it was, and what the family keeps of it (`Family.kept`)."""
+    """A file's content: which device it was, and what the family keeps of it (`Family.kept`).
+
+    `option`: behind which the endpoint stands; empty: the one that the family has first.
+    """
 
     model: str
     endpoint: str
     address: int
     rate: int | None
     held: Mapping[str, Any]
+    option: str = ""
 
 
 def folder(options: Options) -> Path:
@@ -44,6 +48,7 @@ def keep(options: Options, held: Mapping[str, Any], now: datetime | None = None)
     content = {
         "format": FORMAT, "model": options.model, "port": options.endpoint,
         "address": options.address, "rate": options.rate, "held": held,
+        "option": options.family.transport_kind.option,
     }  # fmt: skip
     number, name = tempfile.mkstemp(dir=where, prefix=path.name)
     try:
@@ -65,6 +70,7 @@ def load(path: Path, model: str) -> Kept:
         kept = Kept(
             str(content["model"]), str(content["port"]), int(content["address"]),
             None if content["rate"] is None else int(content["rate"]), dict(content["held"]),
+            str(content.get("option", "")),
         )  # fmt: skip
         is_known = content["format"] == FORMAT
     except OSError as error:

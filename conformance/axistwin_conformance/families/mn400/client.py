@@ -27,9 +27,11 @@ RECEIVED_AT_ONCE: Final = 4096
 QUIET_S: Final = 0.1  # after which a board that is talking has ended
 REPLY_LIMIT_S: Final = 0.25  # MN4 9.3: of any reply, before it begins
 MEASURES_S: Final = {1: 0.1, 2: 1.0}  # by the parameter of E (MN4-MEA-01)
+LONGEST_PACKET: Final = 16_384  # bytes: a program may come in one
 MOST_STRAYS: Final = 512  # bytes of no packet that are worth reading
 MOST_LINES: Final = 4096  # of a listing: more than 8 KiB hold
 REPEATABLE: Final = frozenset("/?SNE[:*RVFBDPXGYI;L|Q")  # rule 3
+SLOT_GAP_S: Final = 0.002  # MN4-DROP-03
 TIMEOUT_MARGIN_S: Final = 0.1
 
 
@@ -118,7 +120,7 @@ class BoardClient:
         while received and received[0] < codec.ADDRESS_MARK and len(strays) < MOST_STRAYS:
             strays += received
             received = self.target.receive(1, timeout_s)
-        while received and not codec.packet_end(received) and len(received) < MOST_STRAYS:
+        while received and not codec.packet_end(received) and len(received) < LONGEST_PACKET:
             more = self.target.receive(self._missing(received), self.session.reply_timeout_s)
             if not more:
                 break
@@ -148,7 +150,18 @@ class BoardClient:
     def limit_s(self, text: str) -> float:
         """How long to wait for the first byte of each packet of a reply."""
         measure = MEASURES_S.get(int(text[1:]), 0.0) if text[1:].isdigit() else 0.0
-        return self.session.reply_timeout_s + (measure if text[:1].upper() == "E" else 0.0)
+        later_s = {"E": measure, "*": self.poll_slot_s() * (self.board - 1)}
+        return self.session.reply_timeout_s + later_s.get(text[:1].upper(), 0.0)
+
+    def poll_slot_s(self) -> float:
+        """How long a board waits with a poll's reply for each id below its own (MN4-DROP-03)."""
+        reading = self.session.reading("poll_slot_ms")
+        return self.usual_slot_s() if reading == "auto" else int(reading) / 1000
+
+    def usual_slot_s(self, value_bytes: int = codec.STATUS_BYTES) -> float:
+        """The same by default, where the last packet of a reply is so long (MN4-DROP-04)."""
+        reply_bytes = codec.STATUS_BYTES + value_bytes
+        return reply_bytes * self.target.byte_ns / 1e9 + SLOT_GAP_S
 
     # --- both ways --------------------------------------------------------------------------------
 
@@ -171,13 +184,29 @@ class BoardClient:
         self.target.note_exchange(raw, len(exchange.raw), exchange.asked_ns)
         return self._undisturbed(exchange, packet, timeout_s)
 
+    def ask_all(self, text: str, limit_s: float) -> BoardExchange:
+        """Send a request to all boards; what comes within so long (s), whosever it is."""
+        raw = codec.request(codec.ALL_BOARDS, text)
+        self.target.drain()
+        asked_ns = self.target.send(raw)
+        deadline_ns = self.target.now_ns + round(limit_s * 1e9)
+        found, strays = list[BoardPacket](), b""
+        came_ns: list[int] = []
+        while (left_ns := deadline_ns - self.target.now_ns) > 0:
+            got, before = self.receive_packet(left_ns / 1e9)
+            strays += before
+            if got is not None:
+                found.append(got)
+                came_ns.append(self.target.now_ns)
+        return BoardExchange(raw, tuple(found), strays, asked_ns, tuple(came_ns))
+
     def _undisturbed(
         self, exchange: BoardExchange, packet: BoardPacket, timeout_s: float | None
     ) -> BoardExchange:
         """Send again until noise is not the reason for what came (rule 3)."""
         bad: list[bytes] = []
         for _ in range(RETRY.exchange):
-            is_good = self._is_good(exchange)
+            is_good = self._is_good(exchange, packet.text)
             if self.session.is_believed(bad, exchange.raw, is_good=is_good):
                 break
             told = f"{words.explain_request(exchange.request)}: {exchange}"
@@ -190,10 +219,12 @@ class BoardClient:
             exchange = self._once(exchange.request, timeout_s)
         return exchange
 
-    def _is_good(self, exchange: BoardExchange) -> bool:
+    def _is_good(self, exchange: BoardExchange, text: str) -> bool:
         """True if a board could say that to a sound request."""
         is_bad = "CHKSUMERROR" in exchange.codes or "TIMEOUT" in exchange.codes
-        is_whole = exchange.codes[-1:] != ("START",)
+        rule = rule_of(text)
+        is_listing = rule is not None and rule.form is ReplyForm.LISTING
+        is_whole = exchange.codes[-1:] != ("START",) or is_listing  # an empty program has no line
         return exchange.is_sound and is_whole and not is_bad
 
     def _once(self, raw: bytes, timeout_s: float | None) -> BoardExchange:
@@ -219,7 +250,7 @@ class BoardClient:
     def _is_over(self, text: str, found: list[BoardPacket]) -> bool:
         """True if a reply has all its packets (rule 1)."""
         if found[-1].code == ReturnCode.START:
-            return text[:1] == "&"
+            return False
         if found[-1].code == ReturnCode.BAUDCHANGEOK:
             return self.session.reading("baud_reply") != "plus_done"
         rule = rule_of(text)

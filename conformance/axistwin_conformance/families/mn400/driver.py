@@ -145,19 +145,24 @@ class BoardDriver:
         return str(exchange)
 
     def meets(self, text: str, expectation: Expectation) -> BoardExchange:
-        """Judge that a request draws what a model expects; where the manual is silent another
-        answer is told and not judged."""
+        """Judge that a request draws what a model expects; see `fits`."""
         exchange = self.ask(text)
+        self.fits(text, exchange, expectation)
+        return exchange
+
+    def fits(self, text: str, exchange: BoardExchange, expectation: Expectation) -> bool:
+        """Judge that what came is what a model expects; where the manual is silent another answer
+        is told and not judged.  True if it is what was expected."""
         told = [" and ".join(reply) or "a repeated message" for reply in expectation.replies]
         is_right = exchange.is_sound and exchange.codes in expectation.replies
         asked = words.command_words(text)
         if not is_right and expectation.is_open and exchange.is_sound:
             self.session.info(expectation.requirement, f"{asked} draws {exchange}")
-            return exchange
+            return False
         self.session.expect(
             is_right, expectation.requirement, sorted(told), str(exchange), f"to {asked}"
         )
-        return exchange
+        return True
 
     def tells(self, is_usual: bool, requirement: str, expected: str, actual: object) -> None:
         """Judge where the manual is silent and one behaviour makes sense: another one is told and
@@ -194,8 +199,11 @@ class BoardDriver:
             self.client.send(self.client.request(leaving))
             self.client.listen(self.session.reply_timeout_s)
 
+    def slots_s(self, value_bytes: int = codec.STATUS_BYTES) -> float:
+        """How long the replies of this board and its neighbours to all may take."""
+        slot_s = max(self.client.poll_slot_s(), self.client.usual_slot_s(value_bytes))
+        return slot_s * max(self.board, *self.session.neighbours, 1) + self.session.reply_timeout_s
+
     def poll_slot_s(self) -> float:
-        """How long a board waits for each id before its own when all are asked (MN4-DROP-03)."""
-        reading = self.reading("poll_slot_ms")
-        two_packets_s = 2 * codec.STATUS_BYTES * self.target.byte_ns / 1e9
-        return two_packets_s + 0.002 if reading == "auto" else int(reading) / 1000
+        """See `BoardClient.poll_slot_s`."""
+        return self.client.poll_slot_s()

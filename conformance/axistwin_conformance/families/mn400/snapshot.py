@@ -2,7 +2,8 @@
 what to remember of it and put back.
 
 Of the modal state a board tells the counters and the feed hold; speed, profile, plane and so on
-cannot be read.  They are volatile: what a check has set is put back to what it is at power-on,
+cannot be read.  Of what it stores it tells the program, and not the configuration (see `programs`).
+  They are volatile: what a check has set is put back to what it is at power-on,
 unless a configuration program has set something else, which nobody can see.
 """
 
@@ -22,10 +23,17 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import QUIET_S, BoardExchange
 from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
-from axistwin_conformance.families.mn400.safety import danger, texts
+from axistwin_conformance.families.mn400.motion.return_to_start import HOME_SETS, return_to_start
+from axistwin_conformance.families.mn400.persistence.programs import (
+    leave_entry,
+    listing,
+    put_program_back,
+)
+from axistwin_conformance.families.mn400.safety import MOVING, danger, texts
 from axistwin_conformance.transport.transport import Transport
 
 ENTERING: Final = "(Zz."
+MOVED_BY: Final = frozenset({*MOVING, "J"})  # after these the axes are brought home
 # What commands set that cannot be read, as at power-on (MN4-PWR-01, MN4-PWR-02).
 POWER_ON: Final[Mapping[str, str]] = {
     "V": "V2000", "F": "F1000,5000,10000", "B": "B0,0,0,0", "D": "D1,1,1,1", "P": "P1,3,2",
@@ -35,15 +43,17 @@ POWER_ON: Final[Mapping[str, str]] = {
 
 @dataclass(slots=True)
 class BoardSnapshot:
-    """Counters and feed hold of a board, and which commands have set something since."""
+    """Counters, feed hold and program of a board, and which commands have set something since."""
 
     counters: tuple[int, ...]
     feed_hold: int | None  # None: this board does not tell it (MN4-AMB-38)
+    program: tuple[str, ...] | None = ()  # None: this board does not list it
     touched: set[str] = field(default_factory=set)
 
     def as_object(self) -> dict[str, Any]:
         """The same as a file keeps it."""
-        return {"counters": [*self.counters], "feed_hold": self.feed_hold}
+        program = None if self.program is None else [*self.program]
+        return {"counters": [*self.counters], "feed_hold": self.feed_hold, "program": program}
 
     @classmethod
     def from_object(cls, kept: Mapping[str, Any]) -> BoardSnapshot:
@@ -52,7 +62,8 @@ class BoardSnapshot:
         if len(counters) != AXES:
             raise ValueError(f"{len(counters)} counters; a board has {AXES}")
         feed_hold = None if kept["feed_hold"] is None else int(kept["feed_hold"])
-        return cls(counters, feed_hold, {"L", ";", "I", *POWER_ON})
+        program = None if kept["program"] is None else tuple(map(str, kept["program"]))
+        return cls(counters, feed_hold, program, {"L", ";", "I", "Z", *POWER_ON})
 
     def __str__(self) -> str:
         told = f"counters {', '.join(map(str, self.counters))}"
@@ -113,12 +124,26 @@ def note_sent(session: Session, data: bytes) -> None:
 
 def stop(session: Session) -> None:
     """Q, if what was sent since the last one may have moved something or opened an entry; an entry
-    that Q does not end is ended before it.  Nothing else: a machine that moves is not ours."""
+    that Q does not end is ended before it.  Nothing else: a machine that moves is not ours.
+
+    A move on hold is only ended once it is released (MN4-AMB-16), and behind a contour's entry a
+    board may move on (MN4-AMB-74): there a second Q follows.  Then the travel guard learns where
+    the axes stand, before anything can clear the counters.
+    """
     opened = _opened.pop(session.transport, set())
     client = BoardDriver(session).client
-    for text in (*([codec.END_OF_PROGRAM] if "Z" in opened else []), *(["Q"] if opened else [])):
+    if "Z" in opened and not client.ask("*").says("START", "PRESENT"):
+        leave_entry(client)
+    came = b""
+    for text in (*(["Q"] if opened else []), *(["Q"] if "(" in opened else [])):
         client.send(client.request(text))
-        client.listen(session.reply_timeout_s)
+        came = client.listen(session.reply_timeout_s)
+    if "MOVEPENDING" in codec.codes_of(codec.packets(came)[0]):
+        for text in ("K", "Q"):
+            client.send(client.request(text))
+            client.listen(QUIET_S)
+    if opened & MOVED_BY and session.transport.travel_guard is not None:
+        client.ask("E")
 
 
 # --- what to put back -----------------------------------------------------------------------------
@@ -127,15 +152,26 @@ def stop(session: Session) -> None:
 def remember(session: Session) -> BoardSnapshot:
     """Read what can be read."""
     driver = BoardDriver(session)
+    memory = _volatile(driver)
+    memory.program = listing(driver.client)
+    return memory
+
+
+def _volatile(driver: BoardDriver) -> BoardSnapshot:
+    """Counters and feed hold."""
     counters = driver.position()
     flags = driver.ask(":").value
     fields = None if flags is None else flags.fields
     return BoardSnapshot(counters, fields[1] if fields and len(fields) > 1 else None)
 
 
-def restore(session: Session, memory: BoardSnapshot) -> tuple[str, ...]:
-    """Put back what was touched; a sentence for each thing that could not be."""
-    driver = BoardDriver(session)
+def restore(session: Session, memory: BoardSnapshot, board: int | None = None) -> tuple[str, ...]:
+    """Put back what was touched; a sentence for each thing that could not be.  Axes that were moved
+    go home first."""
+    driver = BoardDriver(session, board)
+    astray = return_to_start(session, driver) if memory.touched & MOVED_BY else ""
+    if memory.touched & MOVED_BY:
+        memory.touched |= {"L", *HOME_SETS}
     wanted = [POWER_ON[letter] for letter in sorted(memory.touched & {*POWER_ON})]
     if "I" in memory.touched:
         is_absolute = driver.reading("power_on_mode") == "absolute"
@@ -145,20 +181,23 @@ def restore(session: Session, memory: BoardSnapshot) -> tuple[str, ...]:
         wanted.append(f";{memory.feed_hold}")
     if "L" in memory.touched:
         wanted.append("L" + ",".join(map(str, memory.counters)))
-    failed = tuple(f"{text}: {came}" for text in wanted if (came := _refused(driver, text)))
+    failed = [f"{text}: {came}" for text in wanted if (came := _refused(driver, text))]
+    program = memory.program if "Z" in memory.touched else None
+    if program is not None and not put_program_back(driver, program):
+        failed.append(f"the stored program, which was {', '.join(program) or 'empty'}")
     memory.touched.clear()
-    return failed
+    return (astray, *failed) if astray else tuple(failed)
 
 
 @contextmanager
-def put_back(session: Session, letters: str) -> Iterator[None]:
+def put_back(session: Session, letters: str, board: int | None = None) -> Iterator[None]:
     """Put back at the end what commands of these letters set in the block, whatever becomes of it:
     a run that is passive only remembers nothing else."""
-    memory = remember(session)
+    memory = _volatile(BoardDriver(session, board))
 
     def restored() -> bool:
         memory.touched = {*letters}
-        return not restore(session, memory)
+        return not restore(session, memory, board)
 
     with session.restore_on_exit(str(memory), restored):
         yield
@@ -176,6 +215,14 @@ def restoring(letters: str) -> Callable[[CheckFunction], CheckFunction]:
         return kept
 
     return decorate
+
+
+def would_lose(session: Session, data: bytes) -> str:
+    """Why a program must not be stored: nobody knows which one that replaces; empty: it may be."""
+    memory = session.run.memory
+    is_unknown = isinstance(memory, BoardSnapshot) and memory.program is None
+    stores = is_unknown and any(text[:1].upper() == "Z" for text in texts(data))
+    return "the stored program could not be read, so it is not replaced" if stores else ""
 
 
 def _refused(driver: BoardDriver, text: str) -> str:

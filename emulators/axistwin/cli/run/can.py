@@ -18,7 +18,7 @@ from axistwin.runtime.serving.bus_server import BusServer
 if TYPE_CHECKING:
     from axistwin.kernel.time import Nanos
     from axistwin.runtime.serving.bus_server import BusPort
-    from axistwin.runtime.serving.loop import Loop
+    from axistwin.runtime.serving.loop import Loop, LoopShare
 
 DEFAULT_INTERFACE: Final = "vcan0"
 
@@ -72,7 +72,7 @@ class CanRun(Run[Bus]):
             bitrate=self._bitrate,
         )
 
-    def serve(self, simulation: Bus, reporter: Reporter, loop: Loop | None = None) -> BusServer:
+    def serve(self, simulation: Bus, reporter: Reporter, loop: Loop) -> BusServer:
         """The bus behind all endpoints that were asked for."""
         server = BusServer(simulation, self._make_ports(), report=reporter.event, loop=loop)
         self._epoch_ns = server.epoch_ns
@@ -105,7 +105,7 @@ class CanRun(Run[Bus]):
         warn(f"to have {DEFAULT_INTERFACE}: {socketcan.remedy(DEFAULT_INTERFACE)}")
 
     def recording(
-        self, simulation: Bus, path: str, loop: Loop, on_failure: Callable[[str], None]
+        self, simulation: Bus, path: str, loop: LoopShare, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Frames as candump writes them."""
         from axistwin.cli.run.capture_can import recording_bus

@@ -24,7 +24,7 @@ from axistwin.cli.run.outlet import Outlet
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.line import Line
-from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.serving.loop import LoopShare
 from axistwin.runtime.transcript import ARROWS, Burst, Direction, Transcript
 
 # A reply may reach us in pieces, late when the machine is busy; the other direction ends it anyway.
@@ -96,7 +96,7 @@ class CaptureFile:
 class Recorder(Transcript):
     """A transcript that is also written to ``file``, burst by burst, in ``loop``'s thread."""
 
-    def __init__(self, file: CaptureFile, explain: Callable[[bytes], str], loop: Loop) -> None:
+    def __init__(self, file: CaptureFile, explain: Callable[[bytes], str], loop: LoopShare) -> None:
         super().__init__(pause_ns=PAUSE_NS)
         self.on_burst = self._write_burst
         self._file = file
@@ -140,7 +140,7 @@ def recording_line(
     line: Line,
     path: str,
     explain: Callable[[bytes], str],
-    loop: Loop,
+    loop: LoopShare,
     on_failure: Callable[[str], None],
 ) -> Iterator[None]:
     """Append what is said on ``line`` to the file at ``path``.  Raises UsageError.

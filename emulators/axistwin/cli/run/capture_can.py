@@ -19,7 +19,7 @@ from axistwin.cli.run.capture import FLUSH_S, CaptureFile
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.ports.can_message import message_of
 from axistwin.runtime.bus import Bus, Passed
-from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.serving.loop import LoopShare
 
 CHANNEL = "vcan0"
 
@@ -27,7 +27,7 @@ CHANNEL = "vcan0"
 class BusRecorder:
     """Writes the frames that it is given, from any thread, to ``file`` in ``loop``'s thread."""
 
-    def __init__(self, file: CaptureFile, loop: Loop, epoch_ns: Nanos) -> None:
+    def __init__(self, file: CaptureFile, loop: LoopShare, epoch_ns: Nanos) -> None:
         self._file = file
         self._writer = can.CanutilsLogWriter(cast(TextIO, file), channel=CHANNEL, append=True)
         self._loop = loop
@@ -63,7 +63,7 @@ class BusRecorder:
 
 @contextlib.contextmanager
 def recording_bus(
-    bus: Bus, path: str, loop: Loop, epoch_ns: Nanos, on_failure: Callable[[str], None]
+    bus: Bus, path: str, loop: LoopShare, epoch_ns: Nanos, on_failure: Callable[[str], None]
 ) -> Iterator[None]:
     """Append what is on ``bus`` to the file at ``path``.  Raises UsageError.
 

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
 _HELP_PTY = (
     "Pseudo terminal behind the symbolic link LINK (default: ./MODEL of the first device, "
-    "and none with --tcp or --rfc2217 alone)."
+    "and none with --tcp, --rfc2217 or --hid alone)."
 )
 _HELP_TCP = "Raw TCP, several clients; port 0: any free one.  For socket://HOST:PORT."
+_HELP_HID = "USB port of an MN400, as a HID device of this machine (needs /dev/uhid: see doctor)."
 _HELP_RFC2217 = "TCP with rate, framing and break, one client.  For rfc2217://HOST:PORT."
 _HELP_BAUD = "Rate of modules that have none stored yet, bits per second (default: the factory's)."
 
@@ -43,6 +44,7 @@ _OWN_OPTIONS: Mapping[Carrier, Mapping[str, str]] = {
         "links": "--pty",
         "tcp": "--tcp",
         "rfc2217": "--rfc2217",
+        "hid": "--hid",
         "baud": "--baud",
         "programs": "--program",
     },
@@ -72,6 +74,7 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
 @click.option("--pty", "links", callback=_named, metavar="LINK", multiple=True, help=_HELP_PTY)
 @click.option("--tcp", "tcp", metavar="HOST:PORT", multiple=True, help=_HELP_TCP)
 @click.option("--rfc2217", "rfc2217", metavar="HOST:PORT", multiple=True, help=_HELP_RFC2217)
+@click.option("--hid", is_flag=True, help=_HELP_HID)
 @click.option(
     "--state",
     callback=_named,
@@ -125,6 +128,18 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
     help="Append the traffic to FILE: of a line, time in ms, > or <, bytes in hex, meaning; of a "
     "bus, as candump logs it.",
 )
+@click.option(
+    "--control",
+    metavar="HOST:PORT",
+    help="Serve the control API there, for 'axistwin ctl' and programs; port 0: any free one.",
+)
+@click.option(
+    "--control-token-file",
+    callback=_named,
+    metavar="FILE",
+    help="Token that every request must have (else of AXISTWIN_CONTROL_TOKEN); needed at any "
+    "address but the loopback.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Events on stdout, one JSON object per line.")
 def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Run twins on a serial line or a CAN bus that any program can open.
@@ -141,6 +156,7 @@ def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:
     axistwin run mac23 --tcp 127.0.0.1:5000 --rfc2217 127.0.0.1:5001
     axistwin run mac23:7Fh --no-pacing --quirk reply_latency_us=0
     axistwin run msc-250 --program table.py
+    axistwin run mn400 --hid
     axistwin run mac23-can:1 mac23-can:2 --can socketcan:vcan0
     axistwin run mac23-can --slcan ./can --socketcand 127.0.0.1:29536
 
@@ -189,7 +205,7 @@ def _own_options(carrier: Carrier, device: str, options: dict[str, Any]) -> dict
     taken = {each: {name: options.pop(name) for name in own} for each, own in _OWN_OPTIONS.items()}
     for other, values in taken.items():
         for name, value in values.items():
-            if other != carrier and value not in (None, ()):
+            if other != carrier and value not in (None, ()) and value is not False:
                 raise UsageError(
                     f"{_OWN_OPTIONS[other][name]} is for {_LIVES_ON[other]}, and {device} lives on "
                     f"{_LIVES_ON[carrier]}: use {', '.join(_OWN_OPTIONS[carrier].values())}"

@@ -43,6 +43,9 @@ def _wrong_rate(event: Mapping[str, object]) -> str:
 # Events that people are told too, and in which words.
 _TOLD: Mapping[str, Callable[[Mapping[str, object]], str]] = {
     "wrong_rate": _wrong_rate,
+    "line_failed": lambda event: (
+        f"has failed and is not served any more, others are: {event['error']}"
+    ),
     "client_mistake": lambda event: str(event["message"]),
     "overrun": lambda event: (
         "it does not read as fast as frames come and loses some from now on; nobody else does"
@@ -75,17 +78,21 @@ class Reporter:
         """One line for people; dropped if they have not read many others."""
         self._stderr.put(_encoded(f"axistwin: {message}\n", sys.stderr.encoding))
 
-    def ready(self, twins: Sequence[AnyTwin], ports: Sequence[Endpoint]) -> None:
-        """One event per device: clients can connect."""
-        endpoints = [{"endpoint": port.kind, "url": port.url} for port in ports]
-        for twin in twins:
+    def ready(
+        self, twins: Sequence[AnyTwin], ports: Sequence[Endpoint], control: str | None = None
+    ) -> None:
+        """One event per device: clients can connect; ``control``: the URL of the control API."""
+        for index, twin in enumerate(twins):
+            own = [port for port in ports if getattr(port, "device_index", index) == index]
+            endpoints = [{"endpoint": port.kind, "url": port.url} for port in own]
             device = f"{twin.model}:{twin.address}"  # which may have been changed and stored
             if self._as_json:
-                self.event(
-                    {"event": "ready", "device": device, **endpoints[0], "endpoints": endpoints}
-                )
+                event = {"device": device, **endpoints[0], "endpoints": endpoints}
+                more = {} if control is None else {"control": control}
+                self.event({"event": "ready", **event, **more})
             else:
-                where = " ".join(f"{port.kind}={port.describe()}" for port in ports)
+                where = " ".join(f"{port.kind}={port.describe()}" for port in own)
+                where += "" if control is None else f" control={control}"
                 self._stdout.put(_encoded(f"ready {device} {where}\n", sys.stdout.encoding))
 
     def event(self, event: Mapping[str, object], patience_s: float = 0.0) -> None:
@@ -95,7 +102,7 @@ class Reporter:
         """
         in_words = _TOLD.get(str(event["event"]))
         if in_words is not None:
-            self.warn(f"{event['url']}: {in_words(event)}")
+            self.warn(f"{event.get('url') or event['line']}: {in_words(event)}")
         if not self._as_json:
             return
         with self._lock:

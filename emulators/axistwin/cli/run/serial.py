@@ -11,19 +11,24 @@ from axistwin.catalog import DeviceSpec
 from axistwin.cli.run.capture import recording_line
 from axistwin.cli.run.reporter import Reporter, warn
 from axistwin.cli.run.serving import Run, Shared
+from axistwin.devices.family import UsbIdentity
 from axistwin.devices.traces import ProgramFailed, StrayReturn
+from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.runtime.line import Line
 from axistwin.runtime.serving.line_server import Server
 
 if TYPE_CHECKING:
     from axistwin.runtime.serving.line_server import Port
-    from axistwin.runtime.serving.loop import Loop
+    from axistwin.runtime.serving.loop import Loop, LoopShare
     from axistwin.runtime.twin import Twin
 
 
 class SerialRun(Run[Line]):
-    """Modules on one line behind ptys and TCP; without an endpoint a pty at ``./MODEL``."""
+    """Modules on one line behind ptys and TCP; without an endpoint a pty at ``./MODEL``.
+
+    Those with USB also as HID devices.
+    """
 
     def __init__(
         self,
@@ -33,11 +38,13 @@ class SerialRun(Run[Line]):
         links: tuple[str, ...],
         tcp: tuple[str, ...],
         rfc2217: tuple[str, ...],
+        hid: bool,
         baud: int | None,
         programs: tuple[str, ...],
     ) -> None:
         super().__init__(specs, shared)
-        if not (links or tcp or rfc2217):
+        self._usb = _usb_ports(specs) if hid else {}
+        if not (links or tcp or rfc2217 or len(self._usb) == len(specs)):
             links = (f"./{specs[0].model}",)
         self._links, self._tcp, self._rfc2217 = links, tcp, rfc2217
         self._baud = baud
@@ -60,7 +67,7 @@ class SerialRun(Run[Line]):
             programs=catalog.parse_programs(self._programs),
         )
 
-    def serve(self, simulation: Line, reporter: Reporter, loop: Loop | None = None) -> Server:
+    def serve(self, simulation: Line, reporter: Reporter, loop: Loop) -> Server:
         """The line behind all endpoints that were asked for."""
         _ProgramWatch(simulation, reporter)
         return Server(simulation, self._make_ports(simulation), report=reporter.event, loop=loop)
@@ -76,10 +83,14 @@ class SerialRun(Run[Line]):
             from axistwin.ports.tcp import TcpPort
 
             ports += [*map(TcpPort, self._tcp), *map(Rfc2217Port, self._rfc2217)]
+        if self._usb:
+            from axistwin.ports.hid.uhid import UhidPort
+
+            ports += [UhidPort(at, line.twins[at].name, usb) for at, usb in self._usb.items()]
         return ports
 
     def recording(
-        self, simulation: Line, path: str, loop: Loop, on_failure: Callable[[str], None]
+        self, simulation: Line, path: str, loop: LoopShare, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Bursts of bytes, in hex and in words."""
         explain = catalog.find_model(self.specs[0].model).explain
@@ -108,6 +119,16 @@ class SerialRun(Run[Line]):
         if len(rates) > 1:
             told = ", ".join(f"{spec} at {rate} baud" for rate, spec in rates.items())
             warn(f"{told}: no client understands all of them")
+
+
+def _usb_ports(specs: Sequence[DeviceSpec]) -> dict[int, UsbIdentity]:
+    """The place on the line of each device with USB, and what it is there.  Raises UsageError."""
+    found = {at: catalog.find_model(spec.model).usb for at, spec in enumerate(specs)}
+    ports = {at: usb for at, usb in found.items() if usb is not None}
+    if not ports:
+        known = ", ".join(name for name, model in catalog.models().items() if model.usb)
+        raise UsageError(f"--hid: {specs[0]} has no USB; leave it out, or name one with: {known}")
+    return ports
 
 
 class _ProgramWatch:

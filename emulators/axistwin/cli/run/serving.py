@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -10,15 +11,20 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from axistwin.cli.extras import needed
 from axistwin.cli.output import EXIT_USAGE
 from axistwin.cli.run import systemd
 from axistwin.cli.run.reporter import Reporter, warn
-from axistwin.runtime.serving.loop import Loop
+from axistwin.control.token import find_token
+from axistwin.errors import UsageError
+from axistwin.runtime.serving.rack import Rack
 from axistwin.runtime.simulation import Simulation
 
 if TYPE_CHECKING:
     from axistwin.catalog import DeviceSpec
+    from axistwin.control.server import ControlServer
     from axistwin.runtime.serving.base_server import BaseServer, Endpoint
+    from axistwin.runtime.serving.loop import Loop, LoopShare
 
 SimulationT = TypeVar("SimulationT", bound=Simulation[Any])
 
@@ -35,6 +41,23 @@ class Shared:
     cold: bool
     seed: int
     capture: str | None
+    control: str | None = None
+    control_token_file: str | None = None
+
+    def control_server(self, rack: Rack) -> ControlServer | None:
+        """The control server that is asked for.  Raises UsageError."""
+        if self.control is None:
+            if self.control_token_file is not None:
+                raise UsageError("--control-token-file goes with --control HOST:PORT")
+            return None
+        try:
+            from axistwin.control.server import ControlServer
+        except ImportError as error:
+            raise UsageError(
+                f"--control: {error.name} is missing; install what it needs: "
+                f"pip install {needed(error.name)}"
+            ) from None
+        return ControlServer(rack, self.control, find_token(self.control_token_file, os.environ))
 
     def arguments(self, specs: Sequence[DeviceSpec], *, paced: bool = True) -> dict[str, Any]:
         """For ``build_line`` or ``build_bus`` of the catalog; ``paced``: what may take time does.
@@ -74,13 +97,13 @@ class Run(ABC, Generic[SimulationT]):
 
     @abstractmethod
     def serve(
-        self, simulation: SimulationT, reporter: Reporter, loop: Loop | None = None
+        self, simulation: SimulationT, reporter: Reporter, loop: Loop
     ) -> BaseServer[SimulationT, Any]:
         """The server with its ports, not open yet, in ``loop``.  Raises UsageError."""
 
     @abstractmethod
     def recording(
-        self, simulation: SimulationT, path: str, loop: Loop, on_failure: Callable[[str], None]
+        self, simulation: SimulationT, path: str, loop: LoopShare, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Append what is said to the file at ``path``.  Raises UsageError.
 
@@ -103,28 +126,36 @@ def perform(run: Run[SimulationT], reporter: Reporter) -> int:
             {"event": "capture_lost", "file": capture, "reason": reason},
         )
 
-    with contextlib.closing(reporter), contextlib.closing(Loop()) as loop:
-        loop.install_signal_handlers(stop_signals())  # during the start: it ends when it can
+    with contextlib.closing(reporter), contextlib.closing(Rack()) as rack:
+        # During the start: it ends when it can.
+        rack.loop.install_signal_handlers(stop_signals())
         with (
             run.watching(),
             run.build() as simulation,
-            contextlib.closing(run.serve(simulation, reporter, loop)) as server,
-            contextlib.ExitStack() as recording,
+            contextlib.closing(rack.add(run.serve(simulation, reporter, rack.loop))) as server,
+            contextlib.ExitStack() as beside,
         ):
             if capture is not None:
-                recording.enter_context(run.recording(simulation, capture, loop, capture_lost))
-            server.open()
+                beside.enter_context(run.recording(simulation, capture, server.loop, capture_lost))
+            control = run.shared.control_server(rack)
+            rack.open()
+            if control is not None:
+                beside.callback(control.close)
+                control.open()
             warn_of_listeners(server.ports)
             run.warn_of_surprises(simulation)
             if simulation.is_volatile:
                 warn("memory is volatile and ends with this run; --state DIR keeps it")
 
             def on_ready() -> None:
-                reporter.ready(simulation.twins, server.ports)
+                if control is not None:
+                    control.serve()
+                url = None if control is None else control.url
+                reporter.ready(simulation.twins, server.ports, url)
                 systemd.notify("READY=1")
 
             try:
-                server.run(on_ready=on_ready)
+                rack.run(on_ready=on_ready)
             finally:
                 systemd.notify("STOPPING=1")
         reporter.stopped()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+from collections.abc import Mapping
 from typing import Any, Final
 
 import click
@@ -68,7 +69,7 @@ def tap(place: str, capture: str, link: str, baud: int, parity: str) -> int:
             err=True,
         )
 
-    def tell(event: dict[str, Any]) -> None:
+    def tell(event: Mapping[str, object]) -> None:
         if event.get("dropped_bytes"):
             click.echo(
                 f"axistwin: the program did not read {event['dropped_bytes']} bytes", err=True

@@ -21,7 +21,8 @@ from axistwin.errors import PortError, UsageError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.ports.pty import PseudoTerminal, PtyFarewell, PtySettings
 from axistwin.ports.stream import OUTPUT_MAX, Stream
-from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.serving.base_server import Report
+from axistwin.runtime.serving.loop import Loop, LoopShare
 from axistwin.runtime.transcript import ARROWS, Direction
 from axistwin.wire.framing import LineFormat
 
@@ -90,15 +91,17 @@ class LineTap:
         link: str,
         file: TapFile,
         loop: Loop,
-        on_event: Callable[[dict[str, object]], object],
+        on_event: Report,
     ) -> None:
-        self.loop = loop
+        self._loop = loop
+        self.loop = LoopShare(loop, self._break_off)
         self.report = on_event
         self.pty = _TapPty(link, LineFormat(port.baudrate))
         self._port = port
         self._file = file
         self._program: _Program | None = None
         self._failure = ""
+        self._bug: Exception | None = None
         self._is_ending = False
         self._reader = threading.Thread(target=self._read, daemon=True)
 
@@ -110,12 +113,14 @@ class LineTap:
             self.pty.attach(self)
             self._reader.start()
             on_ready()
-            self.loop.run()
+            self._loop.run()
         finally:
             self._is_ending = True
             self.pty.close()
             if self._reader.is_alive():
                 self._reader.join(10 * READ_S)
+        if self._bug is not None:
+            raise self._bug
         if self._failure:
             raise PortError(f"{self._port.port}: {self._failure}; the recording has all up to then")
 
@@ -170,7 +175,11 @@ class LineTap:
 
     def _fail(self, reason: str) -> None:
         self._failure = self._failure or reason
-        self.loop.stop()
+        self._loop.stop()
+
+    def _break_off(self, error: Exception) -> None:
+        self._bug = error
+        self._loop.stop()
 
 
 class _TapPty(PseudoTerminal[LineTap]):

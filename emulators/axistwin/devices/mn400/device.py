@@ -39,7 +39,7 @@ from axistwin.devices.mn400.quirks import Mn400Quirks, parse_decimal
 from axistwin.devices.mn400.readout import MEASURES_MS
 from axistwin.devices.mn400.store import ProgramStore
 from axistwin.devices.snapshot import Snapshot
-from axistwin.devices.traces import Refused, StateChanged
+from axistwin.devices.traces import Refused, ReportReady, StateChanged
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Effect, Store, Transmit
 from axistwin.kernel.schedule import NEVER
@@ -287,6 +287,7 @@ class Mn400Board:
             is_whole = message.code == ReturnCode.PRESENT or self.quirks.usb_error_form != "code"
             content = command + code if is_whole else code
         self.reports.append(packets.report(content))
+        self._effects.append(ReportReady(start_ns, content))
         return start_ns
 
     # -- time --

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
-from axistwin.devices.family import DeviceOptions, Family, Model
+from axistwin.devices.family import DeviceOptions, Family, Model, UsbIdentity
 
 if TYPE_CHECKING:
     from axistwin.devices.controls import AxisReadout, ControlTable
@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 class Mn400Family(Family):
     """Packets, motions of four axes, and two stored programs."""
+
+    usb = UsbIdentity(0x0461, 0x0020, 64, "MN400")  # MN4-USB-01
 
     def quirks(self) -> "Mapping[str, Quirk]":
         """Those of every board."""

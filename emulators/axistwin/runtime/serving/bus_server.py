@@ -11,6 +11,7 @@ Rules
 3. What a client has sent before it closed still goes out, for a while.
 """
 
+import contextlib
 import time
 from collections.abc import Sequence
 from typing import Protocol
@@ -84,10 +85,10 @@ class BusServer(BaseServer[Bus, BusPort]):
         bus: Bus,
         ports: Sequence[BusPort],
         *,
+        loop: Loop,
         report: Report = lambda event: None,
-        loop: Loop | None = None,
     ) -> None:
-        super().__init__(bus, ports, report, loop)
+        super().__init__(bus, ports, loop, report)
         self.bus = bus
         self.epoch_ns: Nanos = time.time_ns() - bus.sync()
         self._members: list[Member] = []
@@ -99,11 +100,12 @@ class BusServer(BaseServer[Bus, BusPort]):
             port.attach(self)
 
     def close(self) -> None:
-        """Release the ports and the loop, and forget what is still to be sent."""
-        super().close()
-        for client in self._draining:
-            client.stop()
-        self._draining.clear()
+        """Serve no more, release the ports, and forget what is still to be sent."""
+        draining, self._draining = self._draining, []
+        with contextlib.ExitStack() as rest:
+            for client in draining:
+                rest.callback(client.stop)
+            super().close()
 
     # -- clients ------------------------------------------------------------------------------
 

@@ -76,10 +76,10 @@ class Server(BaseServer[Line, Port]):
         line: Line,
         ports: Sequence[Port],
         *,
+        loop: Loop,
         report: Report = lambda event: None,
-        loop: Loop | None = None,
     ) -> None:
-        super().__init__(line, ports, report, loop)
+        super().__init__(line, ports, loop, report)
         self.line = line
         self._clients: list[Client] = []
         self._held_back: dict[Client, bytes] = {}

@@ -6,7 +6,8 @@ executors: only what stands here.
 
 Rules
 -----
-1. Callbacks run in the thread of ``run``, one after the other.  An error in one ends ``run``.
+1. Callbacks run in the thread of ``run``, one after the other.  An error in one ends ``run``, but
+   for those of a ``LoopShare``: there it ends what that share serves.
 2. Everything is level-triggered: a descriptor that is still ready is served again.
 3. Hang-ups and errors of a descriptor are told to its reader, or to its writer if it has none.
 4. ``call_soon`` and ``stop`` may be called from any thread and from signal handlers; everything
@@ -22,10 +23,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import count
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 _EVENTS_MAX = 64
 _FOREVER_S = -1.0
+
+
+Callback: TypeAlias = Callable[[], object]
 
 
 class _HasDescriptor(Protocol):
@@ -178,3 +182,56 @@ class Loop:
     def _drain(self) -> None:
         with contextlib.suppress(BlockingIOError):
             os.read(self._woken, 4096)
+
+
+class LoopShare:
+    """The part of ``loop`` that one server has: what goes wrong in it concerns nobody else.
+
+    on_failure: called with what a callback raises, in the loop's thread.
+    """
+
+    def __init__(self, loop: Loop, on_failure: Callable[[Exception], None]) -> None:
+        self._loop = loop
+        self._on_failure = on_failure
+        self._is_closed = False
+
+    def add_reader(self, fd: int | _HasDescriptor, callback: Callback) -> None:
+        """As the loop's."""
+        self._loop.add_reader(fd, self._guarded(callback))
+
+    def add_writer(self, fd: int | _HasDescriptor, callback: Callback) -> None:
+        """As the loop's."""
+        self._loop.add_writer(fd, self._guarded(callback))
+
+    def remove_reader(self, fd: int | _HasDescriptor) -> None:
+        """As the loop's."""
+        self._loop.remove_reader(fd)
+
+    def remove_writer(self, fd: int | _HasDescriptor) -> None:
+        """As the loop's."""
+        self._loop.remove_writer(fd)
+
+    def call_soon(self, callback: Callable[..., object], *arguments: object) -> None:
+        """As the loop's; from any thread."""
+        self._loop.call_soon(self._guarded(lambda: callback(*arguments)))
+
+    def call_later(
+        self, delay_s: float, callback: Callable[..., object], *arguments: object
+    ) -> None:
+        """As the loop's."""
+        self._loop.call_later(delay_s, self._guarded(lambda: callback(*arguments)))
+
+    def close(self) -> None:
+        """Call nothing more; descriptors are to be removed by who has added them."""
+        self._is_closed = True
+
+    def _guarded(self, callback: Callback) -> Callback:
+        def call() -> None:
+            if self._is_closed:
+                return
+            try:
+                callback()
+            except Exception as error:
+                self._on_failure(error)
+
+        return call

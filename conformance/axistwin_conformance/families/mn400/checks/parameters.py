@@ -107,7 +107,7 @@ def counters_are_loaded_at_their_edges(session: Session) -> None:
     for text in edges("L"):
         driver.command(MARKED)
         refusal = driver.refusal_of(text)
-        _judge_text(driver, text, refusal)
+        judge_text(driver, text, refusal)
         position = driver.position()
         if refusal is not None and refusal.requirement not in OPEN_REFUSALS:
             session.expect(position == MARK, "MN4-ERR-02", MARK, position, f"after {text}")
@@ -118,10 +118,10 @@ def _at_edges(driver: BoardDriver, letters: str) -> None:
     for letter in letters:
         for text in edges(letter):
             if danger(text, driver.board, driver.target.baud) == "passive":
-                _judge_text(driver, text, driver.refusal_of(text))
+                judge_text(driver, text, driver.refusal_of(text))
 
 
-def _judge_text(driver: BoardDriver, text: str, refusal: Refusal | None) -> None:
+def judge_text(driver: BoardDriver, text: str, refusal: Refusal | None) -> None:
     """Judge that a text is carried out, or refused as it must be."""
     session, exchange = driver.session, driver.ask(text)
     told = repr(text)

@@ -8,9 +8,9 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mn400.draws import drawn_at_random
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.model.board import BoardModel
+from axistwin_conformance.families.mn400.model.draws import drawn_at_random
 from axistwin_conformance.families.mn400.safety import danger
 from axistwin_conformance.families.mn400.snapshot import restoring
 

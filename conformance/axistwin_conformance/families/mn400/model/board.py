@@ -10,7 +10,7 @@ admissible.  Where a cell of the table is an interpretation, so is what is expec
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Final
@@ -29,6 +29,7 @@ from axistwin_conformance.families.mn400.grammar import (
 )
 from axistwin_conformance.families.mn400.model.motions import (
     CircleMotion,
+    CompensatedMotion,
     ContourMotion,
     MotionTimeline,
     PacedMotion,
@@ -54,7 +55,7 @@ from axistwin_conformance.families.mn400.planner.contour import (
     MarginScope,
 )
 from axistwin_conformance.families.mn400.planner.pulses import can_be_threaded
-from axistwin_conformance.families.mn400.planner.vector import AXES, compensated
+from axistwin_conformance.families.mn400.planner.vector import AXES, VectorMove
 
 Reply = tuple[str, ...]  # what each packet says: the name of its code, or "data"
 ENTRIES: Final = (BoardState.PRG, BoardState.CFG)
@@ -91,7 +92,7 @@ class BoardModel:
         self.reading = reading
         self.settings = power_on(reading) if settings is None else settings
         self.timeline = MotionTimeline()
-        self.pending: ParsedCommand | None = None
+        self.pending: ParsedCommand | PlannedMotion | None = None
         self.contour: ContourEntry | None = None
         self.entry: BoardState | None = None  # PRG or CFG
         self.lines: list[str] = []  # of the entry
@@ -139,7 +140,7 @@ class BoardModel:
         motion = self.timeline.motions[0].motion
         if isinstance(motion, PacedMotion):
             yield BoardState.THR
-        elif isinstance(motion, ContourMotion):
+        elif isinstance(_bare(motion), ContourMotion):
             yield BoardState.CCX
         else:
             least, most = self.timeline.waiting(now)
@@ -157,18 +158,32 @@ class BoardModel:
             return Expectation(frozenset({("data",), ("DONE",), ()}), "MN4-CMD-RTX-01")
         if self.entry is not None:
             return self._of_line(text)
-        if rule_of(text) is None:
+        if rule_of(text) is None or self._is_missing(letter):
             return self._error("INVALIDCOMMAND", "MN4-ERR-01", is_recognised=False)
         found = [self._of_state(letter, text, state) for state in self._states_for(letter, now)]
         replies = frozenset(reply for one in found for reply in one.replies)
         return Expectation(replies, found[0].requirement, any(one.is_open for one in found))
 
+    def _is_missing(self, letter: str) -> bool:
+        """True for a command that not every board has (MN4-AMB-38)."""
+        return letter in (";", ":") and self.reading("has_feedhold_cmds") == "false"
+
+    def expect_in(self, text: str, state: BoardState) -> Expectation:
+        """What a command may draw in a state, whatever else is known."""
+        if rule_of(text) is None or self._is_missing(text[:1]):
+            return self._error("INVALIDCOMMAND", "MN4-ERR-01", is_recognised=False)
+        return self._of_state(text[:1].upper(), text, state)
+
     def _states_for(self, letter: str, now: Span) -> frozenset[BoardState]:
         """The states by which a command is judged: with hold on, what asks for motion is kept even
         while a released motion runs."""
         states = self.states(now)
-        keeps = self.settings.holds and letter in MOTIONS and BoardState.HPD not in states
+        keeps = self._keeps(letter) and BoardState.HPD not in states
         return frozenset({BoardState.HLD}) if keeps and not states & {BoardState.CCB} else states
+
+    def _keeps(self, letter: str) -> bool:
+        """True if hold keeps that command now (MN4-AMB-18)."""
+        return self.settings.holds and letter in self.reading("hold_scope")
 
     def _of_state(self, letter: str, text: str, state: BoardState) -> Expectation:
         cell = self._cell(letter, state)
@@ -186,6 +201,8 @@ class BoardModel:
 
     def _cell(self, letter: str, state: BoardState) -> StateCell:
         """The cell of the table, in the reading of this board (MN4-AMB-16)."""
+        if state is BoardState.HLD and letter in MOTIONS and not self._keeps(letter):
+            state = BoardState.RDY
         cell = state_table()[letter, state]
         exempt = self.reading("movepending_exempt").replace("&", "")
         if state is BoardState.HPD and letter in exempt and letter != "K":
@@ -308,10 +325,12 @@ class BoardModel:
             self._take_segment(command, now)
         elif letter == "K":
             self._release(now)
+        elif self._keeps(letter) and (letter in MOTIONS or letter in _ENTERING):
+            self.pending = command
         elif letter in MOTIONS:
-            self._move(command, now)
+            self._run(self._motion(command), now)
         elif letter == "L":
-            self._load(command)
+            self._load(command, now)
         elif letter in _ENTERING:
             _ENTERING[letter](self, command)
         elif letter in "Q{}":
@@ -340,7 +359,11 @@ class BoardModel:
         elif command.letter == ")":
             self.contour = None
             self.settings = replace(self.settings, speed=entry.speed)  # MN4-CMD-CC-07
-            self._run(self._contour_motion(entry), now)
+            motion = self._contour_motion(entry)
+            if self._keeps(")") and motion is not None:
+                self.pending = motion
+            else:
+                self._run(motion, now)
         elif command.letter == "Q":
             self.contour = None
             if self.reading("quit_in_entry") == "both":
@@ -365,17 +388,15 @@ class BoardModel:
         if any(one.speed < 0 for one in entry.segments):
             return PacedMotion((0,) * AXES)
         contour = ContourMove(entry.segments, rules)
-        return ContourMotion(contour, is_early=self._is_early) if contour.plans else None
+        if not contour.plans:
+            return None
+        rows = [one.displacements for one in contour.segments]
+        motion = ContourMotion(contour, is_early=self._is_early)
+        return self._compensated(motion, _first_moves(rows), _first_moves(rows[::-1]))
 
     @property
     def _is_early(self) -> bool:
         return self.reading("step_phase") == "start"
-
-    def _move(self, command: ParsedCommand, now: Span) -> None:
-        if self.settings.holds:
-            self.pending = command
-            return
-        self._run(self._motion(command), now)
 
     def _motion(self, command: ParsedCommand) -> PlannedMotion:
         """What a motion command asks for, with the settings in force (MN4-STM-07)."""
@@ -384,17 +405,39 @@ class BoardModel:
         if command.letter == "M":
             return self._vector(self._displacements(command))
         centre, end = self._of_circle(command)
-        helix = {"traverse": command.value(5), "turns": command.value(6)}
+        traverse = command.value(5)
+        if command.letter == "+" and self.settings.is_absolute and command.values[5] is not None:
+            is_place = self.reading("helix_abs_fields") == "all"
+            traverse -= self._here(self.settings.plane[2]) if is_place else 0
+        helix = {"traverse": traverse, "turns": command.value(6)}
         rules = self.settings.circle(self.reading)
+        if command.letter == "+":
+            rules = replace(rules, is_full_at_zero=self.reading("helix_zero_final") == "full")
         circle = CircleMove(centre, end, command.value(4), rules, **helix)
-        return CircleMotion(circle, self.settings.plane)
+        first, last = list((0,) * AXES), list((0,) * AXES)
+        for signs, is_end in ((first, False), (last, True)):
+            x, y, z = self.settings.plane
+            signs[z] = circle.traverse
+            signs[x], signs[y] = circle.signs(is_end=is_end)
+        return self._compensated(CircleMotion(circle, self.settings.plane), first, last)
 
-    def _vector(self, displacements: tuple[int, ...]) -> VectorMotion:
-        settings = self.settings.motion(self.reading)
-        before, move = compensated(displacements, settings, self.settings.backlash)
-        backlash = self.settings.backlash.after(displacements)
-        self.settings = replace(self.settings, backlash=backlash)
-        return VectorMotion(before, move, is_early=self._is_early)
+    def _vector(self, displacements: tuple[int, ...]) -> PlannedMotion:
+        move = VectorMove(displacements, self.settings.motion(self.reading))
+        motion = VectorMotion(move, is_early=self._is_early)
+        return self._compensated(motion, displacements, displacements)
+
+    def _compensated(
+        self, motion: PlannedMotion, first: Sequence[int], last: Sequence[int]
+    ) -> PlannedMotion:
+        """A motion behind the compensation of backlash that it needs, by the directions in which
+        each axis begins and ends (MN4-BKL-01, MN4-BKL-06, MN4-BKL-07)."""
+        backlash, settings = self.settings.backlash, self.settings.motion(self.reading)
+        if self.reading("backlash_speed") == "start":
+            settings = replace(settings, speed=min(settings.speed, settings.profile.start))
+        before = VectorMove(backlash.compensation(first), settings)
+        self.settings = replace(self.settings, backlash=backlash.after(last))
+        is_counted = self.reading("backlash_counts") == "true"
+        return CompensatedMotion(before, motion, is_counted) if before.length else motion
 
     def _run(self, motion: PlannedMotion | None, now: Span) -> None:
         if motion is not None:
@@ -402,22 +445,33 @@ class BoardModel:
             self.timeline.add(motion, now)
 
     def _release(self, now: Span) -> None:
-        if self.pending is not None:
-            command, self.pending = self.pending, None
-            self._run(self._motion(command), now)
-            if self.reading("hold_after_release") == "one_shot":
-                self.settings = replace(self.settings, holds=False)
-
-    def _load(self, command: ParsedCommand) -> None:
-        """Counters from here on; those of motions that still run come before it in the queue."""
-        left_out = (0, 0) if self.reading("omitted_param") == "zero" else None
-        pairs = zip(self.timeline.end, command.values, strict=True)
-        place: Place = tuple((left_out or was) if one is None else (one, one) for was, one in pairs)
-        if not self.timeline.motions:
-            self.timeline.place = place
+        held, self.pending = self.pending, None
+        if held is None:
+            return
+        if isinstance(held, PlannedMotion):
+            self._run(held, now)
+        elif held.letter in MOTIONS:
+            self._run(self._motion(held), now)
         else:
-            last = self.timeline.motions[-1]
-            self.timeline.motions[-1] = replace(last, end=place)
+            _ENTERING[held.letter](self, held)
+        if self.reading("hold_after_release") == "one_shot":
+            self.settings = replace(self.settings, holds=False)
+
+    def _load(self, command: ParsedCommand, now: Span) -> None:
+        """Counters from here on; those of motions that still run come before it in the queue, or
+        are loaded as they run (MN4-AMB-52)."""
+        left_out = (0, 0) if self.reading("omitted_param") == "zero" else None
+        is_queued = self.reading("queue_modal") == "true"
+        here = self.timeline.end if is_queued else self.where(now)
+        pairs = zip(here, command.values, strict=True)
+        place: Place = tuple((left_out or was) if one is None else (one, one) for was, one in pairs)
+        rows = self.timeline.motions or self.timeline.held
+        if rows and not is_queued:
+            self.timeline.shift(here, place)
+        elif rows:  # behind what is paused, too
+            rows[-1] = replace(rows[-1], end=place)
+        else:
+            self.timeline.place = place
 
     def _pause(self, now: Span) -> None:
         """At rest it does nothing and is not kept (MN4-CMD-PAU-04)."""
@@ -437,7 +491,9 @@ class BoardModel:
     def _quit(self, now: Span) -> None:
         self.was_aborted = self.timeline.may_run(now) or self.is_paused or self.is_running
         self.is_paused = self.is_running = False
-        self.timeline.stop(now)
+        self.pending = None  # only a board that serves Q meanwhile comes here (MN4-AMB-16)
+        flushes = self.reading("quit_flushes_queue") == "true"
+        self.timeline.stop(now, flushes=flushes)
 
     # --- what it tells ----------------------------------------------------------------------------
 
@@ -454,12 +510,22 @@ class BoardModel:
         self.load(counters)
         command = read_command(text, self.reading)
         if isinstance(command, ParsedCommand) and command.letter == "L":
-            self._load(command)
+            self._load(command, (Fraction(0), Fraction(0)))
         return tuple(low for low, _ in self.timeline.end)
 
     def load(self, position: tuple[int, ...]) -> None:
         """The counters are known to be these."""
         self.timeline = MotionTimeline(exactly(position))
+
+
+def _bare(motion: PlannedMotion) -> PlannedMotion:
+    """A motion without the compensation before it."""
+    return motion.motion if isinstance(motion, CompensatedMotion) else motion
+
+
+def _first_moves(rows: Iterable[Sequence[int]]) -> tuple[int, ...]:
+    """Of each axis the first displacement that is not 0."""
+    return tuple(next((one for one in column if one), 0) for column in zip(*rows, strict=True))
 
 
 def _enter_contour(board: BoardModel, command: ParsedCommand) -> None:

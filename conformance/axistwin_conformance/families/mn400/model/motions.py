@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Final
 
@@ -20,6 +20,7 @@ from axistwin_conformance.families.mn400.planner.vector import AXES, VectorMove,
 STILL: Final = (0, 0)
 ENDLESS: Final = Fraction(10**9)  # seconds: nobody waits so long
 
+Place = tuple[Window, ...]  # of all axes
 Span = tuple[Fraction, Fraction]  # the earliest and the latest time, or the least and most seconds
 
 
@@ -39,10 +40,45 @@ class PlannedMotion(ABC):
 
 
 @dataclass
-class VectorMotion(PlannedMotion):
-    """A vector move, with the compensation of backlash before it."""
+class CompensatedMotion(PlannedMotion):
+    """Another motion with the compensation of backlash before it; `is_counted`: the counters tell
+    of that (MN4-AMB-58)."""
 
     before: VectorMove
+    motion: PlannedMotion
+    is_counted: bool = False
+
+    def __post_init__(self) -> None:
+        self.displacements = tuple(
+            map(sum, zip(self._lost, self.motion.displacements, strict=True))
+        )
+
+    @property
+    def _lost(self) -> tuple[int, ...]:
+        return self.before.displacements if self.is_counted else (0,) * AXES
+
+    @property
+    def span(self) -> Span:
+        """Compensation and motion."""
+        lost, (least, most) = self.before.plan.seconds, self.motion.span
+        return lost + least, lost + most
+
+    def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
+        """First the compensation, then the motion from where that leads."""
+        lost = self.before.plan.seconds
+        still = exactly(self._lost)
+        places = []
+        if first <= lost:
+            places.append(self.before.windows(first, last) if self.is_counted else still)
+        if last >= lost:
+            places.append(added(still, self.motion.windows(first - lost, last - lost)))
+        return hull(*places)
+
+
+@dataclass
+class VectorMotion(PlannedMotion):
+    """A vector move."""
+
     move: VectorMove
     is_early: bool = False
 
@@ -51,14 +87,13 @@ class VectorMotion(PlannedMotion):
 
     @property
     def span(self) -> Span:
-        """Compensation and move; less by a step where steps come early (MN4-AMB-71)."""
-        lost, plan = self.before.plan.seconds, self.move.plan
-        return lost + plan.last_step_time(is_early=self.is_early), lost + plan.seconds
+        """Of all its steps; less by one where steps come early (MN4-AMB-71)."""
+        is_early = self.is_early or self.move.is_phased
+        return self.move.plan.last_step_time(is_early=is_early), self.move.plan.seconds
 
     def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
-        """No axis counts during the compensation (MN4-BKL-03)."""
-        lost = self.before.plan.seconds
-        return self.move.windows(first - lost, last - lost, is_early=self.is_early)
+        """All axes on its chord."""
+        return self.move.windows(first, last, is_early=self.is_early)
 
 
 @dataclass
@@ -134,12 +169,18 @@ class PacedMotion(PlannedMotion):
 class RestOfMotion(PlannedMotion):
     """What is left of a motion that was paused: nobody knows exactly how much.
 
-    It takes no longer than the whole of a vector move did, for it ramps as one does (MN4-PAU-01);
-    of other motions it may take twice as long.
+    `box`: where the whole of it may be.  It takes no longer than the whole of a vector move did,
+    for it ramps as one does (MN4-PAU-01); of other motions it may take twice as long.
     """
 
-    def __init__(self, whole: PlannedMotion) -> None:
+    def __init__(self, whole: PlannedMotion, base: Place) -> None:
         self.displacements = whole.displacements
+        most = whole.span[1]
+        self.box: Place = (
+            whole.box
+            if isinstance(whole, RestOfMotion)
+            else (base if most >= ENDLESS else added(base, whole.windows(Fraction(0), most)))
+        )
         self._most = whole.span[1] * (1 if isinstance(whole, VectorMotion) else 2)
 
     @property
@@ -153,8 +194,6 @@ class RestOfMotion(PlannedMotion):
 
 
 # --- in a row -------------------------------------------------------------------------------------
-
-Place = tuple[Window, ...]  # of all axes
 
 
 def exactly(position: Iterable[int]) -> Place:
@@ -194,7 +233,7 @@ class ScheduledMotion:
         if first >= self.ends[1]:
             return self.end
         if isinstance(self.motion, RestOfMotion):
-            return hull(self.base, self.end)
+            return hull(self.base, self.end, self.motion.box)
         windows = self.motion.windows(first - self.begins[1], last - self.begins[0])
         return added(self.base, windows)
 
@@ -276,7 +315,7 @@ class MotionTimeline:
         """What was held goes on, one motion behind the other."""
         held, self.held = self.held, []
         for index, one in enumerate(held):
-            motion = RestOfMotion(one.motion) if index == 0 else one.motion
+            motion = RestOfMotion(one.motion, one.base) if index == 0 else one.motion
             begins = now
             if self.motions:
                 ends = self.motions[-1].ends
@@ -284,11 +323,25 @@ class MotionTimeline:
             base = one.base if index else self.place
             self.motions.append(ScheduledMotion(motion, begins, base, one.end))
 
-    def stop(self, now: Span, place: Place | None = None) -> None:
-        """All motion ends and the queue is empty, at some time of this span (MN4-CMD-Q-02)."""
+    def stop(self, now: Span, place: Place | None = None, *, flushes: bool = True) -> None:
+        """All motion ends and the queue is empty, at some time of this span (MN4-CMD-Q-02); or what
+        waited goes on behind the motion that ends (MN4-AMB-62)."""
+        waiting = (self.motions or self.held)[1:]
         self.place = self.where(now) if place is None else place
         self.motions.clear()
         self.held.clear()
+        for one in () if flushes else waiting:
+            self.add(one.motion, now)
+
+    def shift(self, before: Place, after: Place) -> None:
+        """The counters that were there are here now; what moves goes on."""
+        pairs = list(zip(before, after, strict=True))
+        by = tuple((0, 0) if at == to else (to[0] - at[1], to[1] - at[0]) for at, to in pairs)
+        self.place = added(self.place, by)
+        for rows in (self.motions, self.held):
+            rows[:] = [
+                replace(one, base=added(one.base, by), end=added(one.end, by)) for one in rows
+            ]
 
     def observe(self, position: Sequence[int]) -> None:
         """The axes are at rest there, as they have told."""

@@ -97,6 +97,18 @@ class CircleMove:
         x, y = self.centre
         return x + self.radius * cos(angle), y + self.radius * sin(angle)
 
+    def signs(self, *, is_end: bool) -> tuple[int, int]:
+        """In which direction X and Y move at the start, or at the end; where one of them turns
+        round there, the direction that it has beside that place."""
+        angle = self._angle(self.sweep if is_end else 0.0)
+        speeds = self.direction * sin(angle), -self.direction * cos(angle)
+        aside = (cos(angle), sin(angle)) if is_end else (-cos(angle), -sin(angle))
+        x, y = (
+            speed if abs(speed) > ANGLE_OFF else beside
+            for speed, beside in zip(speeds, aside, strict=True)
+        )
+        return (1 if x > 0 else -1), (1 if y > 0 else -1)
+
     # --- its time ---------------------------------------------------------------------------------
 
     @cached_property

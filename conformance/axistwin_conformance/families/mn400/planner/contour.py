@@ -9,8 +9,8 @@ greatest values that keep all of them:
 3. a soft junction lets each of axes 1 to 3 jump by the margin at most (MN4-CC-04)
 4. a hard junction has at most the start speed on either side (MN4-CC-07)
 
-Junctions are soft at first; one that would be slower than the start speed is made hard, and all is
-done again.
+Junctions are soft at first; the slowest of those that would be slower than the start speed is made
+hard, and all is done again.
 """
 
 from __future__ import annotations
@@ -118,10 +118,10 @@ def planned(segments: Sequence[ContourSegment], rules: ContourRules) -> list[Pla
     hard: set[int] = set()
     while True:
         plans = _fastest(kept, rules, hard)
-        found = next(_too_slow(plans, rules, hard), None)
-        if found is None:
+        slow = _too_slow(plans, rules, hard)
+        if not slow:
             return plans
-        hard.add(found)
+        hard.add(min(slow, key=lambda index: slow[index]))
 
 
 def _fastest(
@@ -260,13 +260,16 @@ def _equal(before: PlannedSegment, after: PlannedSegment, margin: int) -> bool:
 
 def _too_slow(
     plans: Sequence[PlannedSegment], rules: ContourRules, hard: set[int]
-) -> Iterator[int]:
-    """The soft junctions that are slower than what a hard one has."""
+) -> dict[int, Fraction]:
+    """The soft junctions that are slower than what a hard one has, each with the share of that
+    which is left: the slowest one is the reason why its neighbours are slow."""
     start = Fraction(rules.profile.start)
+    slow = {}
     for index, (before, after) in enumerate(pairwise(plans)):
-        is_slow = before.leaving < min(start, before.cap) or after.entry < min(start, after.cap)
-        if rules.has_hard_corners and index not in hard and is_slow:
-            yield index
+        share = min(before.leaving / min(start, before.cap), after.entry / min(start, after.cap))
+        if rules.has_hard_corners and index not in hard and share < 1:
+            slow[index] = share
+    return slow
 
 
 class ContourMove:

@@ -81,6 +81,12 @@ class VectorMove:
         """True if two axes move at least."""
         return sum(one != 0 for one in self.displacements) >= BOTH
 
+    @property
+    def is_phased(self) -> bool:
+        """True if a step of the major axis is several ticks, of which any may be the one that makes
+        it (MN4-AMB-65)."""
+        return self.is_multi_axis and self.settings.multiplex > 1
+
     @cached_property
     def speed(self) -> int:
         """The speed that it is given, lowered where interpolation is finer (MN4-MOT-04)."""
@@ -101,7 +107,7 @@ class VectorMove:
 
         `is_early`: steps come at the beginning of their periods.
         """
-        low, high = self.plan.steps_within(first, last, is_early=is_early)
+        low, high = self.plan.steps_within(first, last, is_early=is_early or self.is_phased)
         return tuple(axis_window(one, self.length, low, high) for one in self.displacements)
 
     def counted(self, first: Fraction, last: Fraction) -> Window:

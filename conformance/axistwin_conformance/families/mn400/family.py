@@ -9,15 +9,21 @@ from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Family, Violation
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.lenient import Lenient
-from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.core.wording import Effect, Exchange
 from axistwin_conformance.families.mn400 import codec, lenient, safety, snapshot, words
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
+from axistwin_conformance.families.mn400.motion.options import OPTIONS
+from axistwin_conformance.families.mn400.motion.rig_controls import BOARD_CONTROLS
+from axistwin_conformance.families.mn400.motion.travel_guard import BoardTravelGuard
+from axistwin_conformance.families.mn400.persistence.programs import NOT_READABLE
 from axistwin_conformance.families.mn400.snapshot import BoardSnapshot
+from axistwin_conformance.families.mn400.usb.usb_family import Mn400Usb
+from axistwin_conformance.transport.kinds import HID
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
-MODEL: Final = Model("mn400", "MN400 4-axis motion controller")
+MODEL: Final = Model("mn400", "MN400 4-axis motion controller", over={HID: Mn400Usb()})
 QUERIES: Final = (ReplyForm.DATA, ReplyForm.LISTING, ReplyForm.PRESENT, ReplyForm.REPEATED)
 
 
@@ -30,11 +36,16 @@ class Mn400(Family):
     default_address = 1
     default_rate = codec.RATES[0]
     rates = codec.RATES
+    rig_controls = BOARD_CONTROLS
+    options = OPTIONS
     impact: ClassVar = {
         "motion": "moves axes, switches outputs, changes modal settings",
+        "rig": "inputs, pots, pulses and supply are worked; what they let move, moves",
         "stored": "replaces the stored program (Z)",
-        "destructive": "changes address, rate and the configuration program (=, ~, .)",
-        "end": "modal settings that were changed are put back to those of power-on",
+        "destructive": "changes address, rate and the configuration program (=, ~, .);"
+        f" {NOT_READABLE}",
+        "end": "axes go back to where they were found, modal settings that were changed to those of"
+        " power-on",
     }
 
     def open(self, url: str, rate: int | None, /, *, is_builtin: bool = False) -> SerialTransport:
@@ -82,12 +93,16 @@ class Mn400(Family):
         return snapshot.restore(session, memory)
 
     def kept(self, memory: BoardSnapshot) -> Mapping[str, Any]:
-        """Counters and feed hold."""
+        """Counters, feed hold and the stored program."""
         return memory.as_object()
 
     def memory_of(self, held: Mapping[str, Any]) -> BoardSnapshot:
         """See `BoardSnapshot.from_object`."""
         return BoardSnapshot.from_object(held)
+
+    def would_lose(self, session: Session, data: bytes) -> str:
+        """Why a program must not be stored; see `snapshot.would_lose`."""
+        return snapshot.would_lose(session, data)
 
     def forbid(self, session: Session, data: bytes) -> str | None:
         """Why these bytes must not be sent; see `safety`.  What they set is noted, to be put
@@ -100,6 +115,11 @@ class Mn400(Family):
             memory.touched |= {text[:1].upper() for text in safety.texts(data)}
         allowed = frozenset(check.safety)
         return safety.objection(data, allowed, session.address, session.target.baud)
+
+    def travel_guard(self, run: Run) -> BoardTravelGuard:
+        """What keeps the axes of a line inside the envelope."""
+        bounds = run.envelope
+        return BoardTravelGuard(bounds.max_travel, bounds.max_speed, run.readings)
 
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """Which requirement a reply breaks that no board gives: the first departure of it."""
@@ -120,3 +140,6 @@ class Mn400(Family):
     def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
         """See `lenient`."""
         return lenient.lenient(session.address, request, reply)
+
+
+FAMILY: Final = Mn400()

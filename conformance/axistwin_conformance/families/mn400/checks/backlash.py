@@ -1,0 +1,99 @@
+"""Backlash: a move against the remembered direction begins with steps that no counter tells (B, D;
+BKL).  On the line it shows by the time for which the counters stand."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
+
+ORDER = 160
+
+LASH: Final = 100  # steps: 0.2 s at the speed of these checks
+SLOW: Final = 500
+ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
+
+
+def begun(session: Session) -> BoardMotion:
+    """A motion with room for moves of some hundred steps and their compensation."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(12 * LASH, "these moves with their compensation")
+    return motion
+
+
+@check("MN4-BKL-01", "MN4-BKL-03", "MN4-CMD-B-01", "MN4-CMD-D-02", safety=MOTION)
+def a_turn_costs_the_steps_of_the_backlash(session: Session) -> None:
+    """None in the remembered direction, all of them against it, on those axes that D says."""
+    motion = begun(session)
+    for texts, moves in (
+        ((ALL,), ("M200", "M-200", "M-100", "M300")),
+        ((ALL, "D-1,1,1,1"), ("M200", "M50", "M-250")),
+        ((ALL, "D1,-1,1,1"), ("M0,200", "M200,0")),
+        ((f"B0,{LASH},0,0",), ("M-200,-100", "M200,100", "M-200")),
+        ((f"B{LASH},30,0,0",), ("M-200,-200", "M100,200")),
+    ):
+        motion.ready(*texts, speed=SLOW)
+        for text in moves:
+            names = ("MN4-BKL-01", "MN4-CMD-D-02", "MN4-CMD-B-01")
+            motion.run(text, "MN4-CMD-B-01", names, "MN4-BKL-03", names, samples=6)
+
+
+@check("MN4-BKL-02", "MN4-BKL-04", "MN4-CMD-L-03", safety=MOTION)
+def the_memory_is_of_the_last_motion(session: Session) -> None:
+    """An axis that stood keeps it, one without backlash has it as well, L does not touch it."""
+    motion = begun(session)
+    motion.ready(ALL, speed=SLOW)
+    for text in ("M-100,100", "M0,100", "M100", "M0,-100", "M-200"):
+        motion.run(text, "MN4-BKL-02")
+    motion.ready(speed=SLOW)
+    motion.run("M-100,100", "MN4-BKL-04")
+    motion.do(ALL, "MN4-BKL-04")
+    motion.run("M-100,100", "MN4-BKL-04")
+    motion.run("M100,-100", "MN4-BKL-04")
+    motion.do("L5,5,5,5", "MN4-CMD-L-03")
+    motion.run("M50,-50", "MN4-CMD-L-03")
+    motion.run("M-50", "MN4-CMD-L-03")
+
+
+@check("MN4-BKL-05", safety=MOTION)
+def quit_in_the_compensation_leaves_the_whole_move(session: Session) -> None:
+    """E stands, N is the move as asked for, and the memory is new already."""
+    motion = begun(session)
+    driver = motion.driver
+    for name, wanted in (("backlash_counts", "false"), ("readcount_after_abort", "kept")):
+        if driver.reading(name) != wanted:
+            session.skip(f"this board is read as {name}={driver.reading(name)}: nothing to tell by")
+    motion.ready(ALL, speed=SLOW)
+    motion.do("M-200", "MN4-BKL-05")
+    driver.target.wait(0.1)
+    motion.do("Q", "MN4-BKL-05")
+    counters = motion.rest()
+    driver.tells(not any(counters), "MN4-BKL-05", "0, 0, 0, 0", counters)
+    left = driver.steps_left()
+    is_whole = tuple(map(abs, left)) == (200, 0, 0, 0)
+    driver.tells(is_whole, "MN4-BKL-05", "200 steps left of axis 1", left)
+
+
+@check("MN4-BKL-06", "MN4-BKL-07", safety=MOTION)
+def arcs_and_contours_are_compensated_before_they_begin(session: Session) -> None:
+    """By the direction in which each axis sets out; what is remembered is the last one."""
+    motion = begun(session)
+    if motion.driver.reading("backlash_arc") == "start_only":
+        for direction in (1, -1):
+            motion.ready(ALL, speed=SLOW)
+            motion.run(f"A-300,-300,-600,-600,{direction}", "MN4-BKL-06")
+            for text in ("M100", "M0,0,-50", "M-50"):
+                motion.run(text, "MN4-BKL-06")
+    else:
+        session.not_run("MN4-BKL-06", "this board compensates within arcs (MN4-AMB-58)")
+    motion.ready(ALL, speed=SLOW)
+    motion.set("(")
+    for text in ("M-200,10", "M-50,-100", "M0,0,100"):
+        motion.do(text, "MN4-BKL-07")
+    motion.do(")", "MN4-BKL-07")
+    motion.follow("MN4-BKL-07", samples=8)
+    for text in ("M-50", "M0,20", "M0,0,-50"):
+        motion.run(text, "MN4-BKL-07")

@@ -1,0 +1,240 @@
+"""Arcs and helices: on their circle, the right way round, to their end, in their time (A, +; ARC,
+HEL)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
+from axistwin_conformance.families.mn400.planner.circle import STRAY
+
+ORDER = 130
+
+# Centre and end from the start, of arcs that go clockwise and back: an eighth (the manual's own), a
+# quarter, a half, three quarters, small ones.
+ARCS: Final = (
+    (0, -500, -354, -146), (400, 0, 400, 400), (-400, 0, -800, 0), (0, 300, -300, 300),
+    (250, 250, 500, 500), (0, -3, 3, -3), (-1, 0, -2, 0),
+)  # fmt: skip
+TABLE: Final = ("MN4-CMD-A-01", "MN4-CMD-A-02", "MN4-CMD-A-03", "MN4-CMD-A-05", "MN4-ARC-01",
+                "MN4-ARC-03", "MN4-ARC-04", "MN4-ARC-08")  # fmt: skip
+# Planes of X and Y, and a traverse motor, from 1.
+PLANES: Final = ((1, 2, 3), (4, 1, 2), (2, 4, 1), (3, 1, 4))
+OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right arc gives
+
+
+@check(*TABLE, safety=MOTION)
+def arcs_run_on_their_circle(session: Session) -> None:
+    """Motors 1 and 3 on the circle at any time, clockwise or not as asked, exactly at the end."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(1000, "these arcs")
+    for centre_x, centre_y, x, y in ARCS:
+        for direction in (1, -1):
+            motion.ready()
+            motion.do(f"A{centre_x},{centre_y},{x},{y},{direction}", "MN4-CMD-A-01")
+            path = ("MN4-CMD-A-01", "MN4-CMD-A-03", "MN4-ARC-01", "MN4-CMD-A-05")
+            rows = motion.follow(path, ("MN4-ARC-03", "MN4-CMD-A-02"), "MN4-CMD-A-05", samples=8)
+            _judge_circle(session, rows, (0, 2), (centre_x, centre_y), (x, y))
+
+
+def _judge_circle(
+    session: Session,
+    rows: Sequence[Sequence[int]],
+    motors: tuple[int, int],
+    centre: tuple[int, int],
+    end: tuple[int, int],
+) -> None:
+    """Judge every position by its distance from the centre; other motors stand."""
+    radius = hypot(*centre)
+    most = STRAY + abs(hypot(end[0] - centre[0], end[1] - centre[1]) - radius)
+    for row in rows:
+        far = hypot(row[motors[0]] - centre[0], row[motors[1]] - centre[1])
+        told = f"within {most:.2f} steps of radius {radius:.2f}"
+        session.expect(abs(far - radius) <= most, "MN4-ARC-04", told, f"{far:.2f} at {row}")
+        others = [one for at, one in enumerate(row) if at not in motors]
+        session.expect(not any(others), "MN4-ARC-08", "the other motors at rest", row)
+
+
+@check("MN4-ARC-05", "MN4-CMD-A-03", "MN4-ARC-01", safety=MOTION)
+def a_clockwise_half_circle_goes_below(session: Session) -> None:
+    """The manual's example, smaller: from the right end of a diameter to the left one, Y never
+    above; counter-clockwise never below."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(1000, "these arcs")
+    for direction in (1, -1):
+        motion.ready(motion.plane(1, 2, 3))
+        motion.do(f"A-500,0,-1000,0,{direction}", "MN4-CMD-A-03")
+        rows = motion.follow(("MN4-ARC-05", "MN4-ARC-01", "MN4-CMD-A-03"), samples=9)
+        sides = [row[1] * direction for row in rows]
+        told = f"Y {'0 or less' if direction > 0 else '0 or more'}"
+        is_right = max(sides) <= STRAY and min(sides) < -STRAY
+        session.expect(is_right, "MN4-ARC-05", told, [row[1] for row in rows])
+
+
+@check("MN4-CMD-P-01", "MN4-CMD-A-01", "MN4-CMD-A-02", "MN4-ARC-08", safety=MOTION)
+def arcs_run_in_the_plane_that_was_set(session: Session) -> None:
+    """X and Y are the motors of P in its order; in absolute mode centre and end are coordinates."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(300, "these arcs")
+    for x, y, z in PLANES:
+        motion.ready(motion.plane(x, y, z))
+        path = ("MN4-CMD-P-01", "MN4-CMD-A-01", "MN4-ARC-08")
+        motion.run("A0,-200,200,-200,1", "MN4-CMD-P-01", path, samples=4)
+        motion.ready(motion.plane(x, y, z), motion.mode(is_absolute=True), "L100,200,300,400")
+        base = dict(zip((1, 2, 3, 4), (100, 200, 300, 400), strict=True))
+        text = f"A{base[x]},{base[y] + 100},{base[x] - 100},{base[y] + 100},-1"
+        motion.run(text, "MN4-CMD-A-02", "MN4-CMD-A-02", samples=4)
+
+
+@check("MN4-ARC-06", "MN4-CMD-A-05", safety=MOTION)
+def an_arc_to_its_start_is_a_full_circle(session: Session) -> None:
+    """Both ways round, in the time of a whole circle."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(800, "this circle")
+    for direction in (1, -1):
+        motion.ready()
+        motion.do(f"A-400,0,0,0,{direction}", "MN4-CMD-A-05")
+        motion.follow(("MN4-ARC-06", "MN4-CMD-A-05"), samples=9)
+
+
+@check("MN4-ARC-02", "MN4-ARC-07", "MN4-CMD-A-04", safety=MOTION)
+def radii_must_agree(session: Session) -> None:
+    """A rounded arc is served; no radius, and an end off the circle, are refused and move
+    nothing."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(1000, "these arcs")
+    motion.ready()
+    motion.run("A0,-500,-354,-146,-1", "MN4-ARC-02")
+    motion.ready()
+    for text, requirement in (
+        ("A0,0,0,0,1", "MN4-ARC-07"), ("A0,0,10,0,-1", "MN4-ARC-07"),
+        ("A-100,0,-50,0,1", "MN4-CMD-A-04"), ("A0,100,0,300,-1", "MN4-CMD-A-04"),
+        ("A-300,0,-610,0,1", "MN4-CMD-A-04"),
+    ):  # fmt: skip
+        driver.draws(text, driver.errors("PARA_ERROR"), requirement)
+        motion.stays(requirement)
+    driver.draws("A-100,0,-200,0,0", driver.errors("PARA_ERROR"), "MN4-CMD-A-04")
+    motion.stays("MN4-CMD-A-04")
+
+
+@check("MN4-MOT-13", "MN4-CMD-A-05", safety=MOTION)
+def arcs_have_no_ramps(session: Session) -> None:
+    """An arc above the start speed runs at its speed from the first step to the last, and not above
+    the end speed."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(1000, "this circle")
+    motion.needs_speed(3000, "this circle")
+    for speed, profile in ((3000, (500, 5000, 5000)), (4000, (500, 3000, 5000))):
+        motion.ready(speed=speed, profile=profile)
+        motion.do("A-500,0,-1000,0,1", "MN4-CMD-A-05")
+        motion.follow(("MN4-MOT-13", "MN4-CMD-A-05"), samples=8)
+
+
+@check("MN4-ARC-09", safety=MOTION)
+def steps_left_of_an_arc_are_those_to_its_end(session: Session) -> None:
+    """N is the end less the present place of each motor, or the way along the path
+    (MN4-AMB-39)."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(800, "this arc")
+    motion.ready(speed=500)
+    motion.do("A-400,0,-800,0,1", "MN4-ARC-09")
+    motion.driver.target.wait(0.2)
+    motion.do("{", "MN4-ARC-09")
+    here = motion.rest()
+    left = motion.driver.steps_left()
+    net = (-800 - here[0], 0, -here[2], 0)
+    if motion.driver.reading("readcount_arc") == "net":
+        motion.driver.tells(left == net, "MN4-ARC-09", str(net), left)
+    else:
+        is_path = abs(left[0]) >= abs(net[0]) and abs(left[2]) >= abs(net[2])
+        motion.driver.tells(is_path, "MN4-ARC-09", f"{net} or more", left)
+
+
+# --- helices --------------------------------------------------------------------------------------
+
+
+@check("MN4-CMD-HEL-01", "MN4-CMD-HEL-02", "MN4-CMD-HEL-03", "MN4-HEL-01", "MN4-HEL-02",
+       safety=MOTION)  # fmt: skip
+def helices_turn_and_traverse(session: Session) -> None:
+    """Whole turns and the arc, the traverse in proportion and either way, on the motors of P, in
+    both coordinate modes."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(600, "these helices")
+    for plane, traverse, turns in (
+        ((1, 3, 2), -250, 2), ((1, 3, 2), 40, 0), ((4, 2, 3), 500, 1), ((2, 1, 4), -3, 3),
+    ):  # fmt: skip
+        for is_absolute in (False, True):
+            motion.ready(motion.plane(*plane), motion.mode(is_absolute=is_absolute))
+            motion.do(f"+-100,0,-200,0,1,{traverse},{turns}", "MN4-CMD-HEL-01")
+            path = ("MN4-HEL-02", "MN4-CMD-HEL-02", "MN4-CMD-HEL-03")
+            end = ("MN4-CMD-HEL-01", "MN4-CMD-HEL-02")
+            motion.follow(path, end, ("MN4-HEL-01", "MN4-CMD-HEL-01"), samples=8)
+
+
+@check("MN4-HEL-03", safety=MOTION)
+def the_traverse_is_a_distance_in_both_modes(session: Session) -> None:
+    """From counters that are not 0, in absolute mode: centre and end are coordinates, the traverse
+    is not (MN4-AMB-30)."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(300, "this helix")
+    if motion.driver.reading("helix_abs_fields") != "center_dest":
+        session.skip("this board reads the fields of a helix otherwise (MN4-AMB-30)")
+    motion.ready(motion.mode(is_absolute=True), "L100,50,100,0")
+    motion.run("+0,100,-100,100,1,-70,1", "MN4-HEL-03", samples=4)
+
+
+@check("MN4-HEL-04", safety=MOTION)
+def a_helix_to_its_start_turns_once_more(session: Session) -> None:
+    """Two turns and a final arc of no length are three turns, or two (MN4-AMB-30)."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(300, "this helix")
+    motion.ready()
+    motion.do("+-100,0,0,0,-1,90,2", "MN4-HEL-04")
+    motion.follow("MN4-HEL-04", samples=9)
+
+
+@check("MN4-HEL-05", "MN4-CMD-HEL-04", "MN4-CMD-P-03", "MN4-ERR-02", safety=MOTION)
+def a_helix_that_cannot_be_is_refused(session: Session) -> None:
+    """Less than no turns, no direction, and a traverse motor that is one of the plane; that is not
+    the plane's fault, in which an arc still runs."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    refused = driver.errors("PARA_ERROR")
+    motion.needs_room(300, "these helices")
+    motion.ready()
+    driver.draws("+-10,0,-20,0,1,5,-1", refused, "MN4-HEL-05")
+    driver.draws("+-10,0,-20,0,0,5,1", refused, "MN4-ERR-02")
+    motion.stays("MN4-HEL-05")
+    if driver.reading("plane_z_check") != "at_helix":
+        session.not_run("MN4-CMD-HEL-04", "this board refuses such a plane at once, or never")
+        session.not_run("MN4-CMD-P-03", "this board refuses such a plane at once, or never")
+        return
+    driver.draws(motion.plane(1, 2), DONE, "MN4-CMD-P-03")
+    exchange = driver.ask("+-10,0,-20,0,1,5,0")
+    driver.tells(exchange.says(*refused), "MN4-CMD-HEL-04", " and ".join(refused), exchange)
+    if exchange.says(*refused):
+        motion.stays("MN4-CMD-HEL-04")
+        motion.model.accept(motion.plane(1, 2), motion.span(exchange))
+        motion.run("A-100,0,-200,0,1", "MN4-CMD-P-03")
+
+
+@check("MN4-PKT-13", "MN4-CMD-HEL-01", safety=MOTION)
+def the_longest_request_is_served(session: Session) -> None:
+    """A helix of 69 characters, its numbers filled up with zeros."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(200, "this helix")
+    motion.ready()
+    text = "+-0000000050,00000000000,-0000000100,00000000000,-1,-0000000020,00001"
+    assert len(text) == 69, "the longest legal payload"
+    exchange = motion.driver.ask(text)
+    is_whole = "SLAVEBUFFOV" not in exchange.codes
+    session.expect(is_whole, "MN4-PKT-13", "START and DONE", exchange)
+    motion.driver.judge(exchange, DONE, "MN4-PKT-13")
+    motion.model.accept(text, motion.span(exchange))
+    motion.follow("MN4-CMD-HEL-01")

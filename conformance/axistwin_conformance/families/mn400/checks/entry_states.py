@@ -1,0 +1,129 @@
+"""The table of commands and states, where a program or a configuration is entered, and where a
+program runs (STM, NVM, U).
+
+What an entry stores is a program that runs by nobody: the snapshot, or an empty configuration,
+takes its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400 import codec
+from axistwin_conformance.families.mn400.checks.acceptance import (
+    JOG_SPEED,
+    SETTLED_S,
+    TEXTS,
+    is_listing,
+    unchanged,
+)
+from axistwin_conformance.families.mn400.checks.queue import slow_board
+from axistwin_conformance.families.mn400.checks.stored import judge_listing
+from axistwin_conformance.families.mn400.driver import DONE
+from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
+from axistwin_conformance.families.mn400.model.states import BoardState
+from axistwin_conformance.families.mn400.motion.board_motion import BoardMotion
+from axistwin_conformance.families.mn400.persistence.programs import (
+    emptied_afterwards,
+    end_program,
+    enter_program,
+    program_entry,
+    relative_mode,
+)
+from axistwin_conformance.families.mn400.probes.stored import RUNNING
+
+ORDER = 260
+
+RUN_S: Final = 20  # for which the program runs
+STEPS: Final = 400
+STORING: Final = ("Z", ".", "U")
+
+
+def _sent(motion: BoardMotion, *left_out: str) -> tuple[str, ...]:
+    """Every command as a line, but for these."""
+    return tuple(text for text in (*TEXTS, *unchanged(motion), *STORING) if text not in left_out)
+
+
+def _judge_line(motion: BoardMotion, text: str, requirement: str) -> None:
+    """Judge what a line of an entry draws, and take it over."""
+    exchange = motion.driver.ask(text)
+    span = motion.span(exchange)
+    expected = replace(motion.model.expect(text, span), requirement=requirement)
+    if text == "&" and motion.driver.reading("retransmit_in_entry") == "retransmit":
+        is_right = len(exchange.codes) == 1 and exchange.is_sound
+        motion.session.expect(is_right, requirement, "the last packet again", exchange, "to &")
+        return
+    motion.driver.fits(text, exchange, expected)
+    if exchange.codes == DONE:
+        motion.model.accept(text, span)
+
+
+@check("MN4-STM-04", "MN4-NVM-01", safety=RUNNING)
+def in_a_program_every_command_is_a_line(session: Session) -> None:
+    """Each of the commands, wrong parameters and unknown ones between Z and Ctrl-D: what draws DONE
+    is listed by R, and nothing moves."""
+    motion, _ = slow_board(session)
+    with program_entry(motion.driver):
+        motion.model.accept("Z", motion.span(motion.driver.ask("&")))
+        for text in _sent(motion, codec.END_OF_PROGRAM, "."):
+            _judge_line(motion, text, "MN4-STM-04")
+        motion.driver.judge(end_program(motion.driver), DONE, "MN4-NVM-01")
+    position = motion.driver.position()
+    session.expect(not any(position), "MN4-NVM-01", "counters of 0", position)
+    judge_listing(motion.driver, motion.model.lines, ("MN4-STM-04",))
+
+
+@check("MN4-NVM-04", safety=("motion", "stored", "destructive"), needs=("alone",))
+def in_a_configuration_every_command_is_a_line(session: Session) -> None:
+    """Each of the commands between . and Q draws DONE or INVALIDPROGCOMM; nothing moves."""
+    motion, _ = slow_board(session)
+    with emptied_afterwards(motion.driver):
+        motion.driver.draws(".", DONE, "MN4-NVM-04")
+        motion.model.accept(".", motion.span(motion.driver.ask("&")))
+        for text in _sent(motion, "Q"):
+            _judge_line(motion, text, "MN4-NVM-04")
+        motion.driver.draws("Q", DONE, "MN4-NVM-04")
+        position = motion.driver.position()
+        session.expect(not any(position), "MN4-NVM-04", "counters of 0", position)
+
+
+@check("MN4-CMD-U-01", "MN4-STM-02", safety=RUNNING)
+def while_a_program_runs_reads_are_served(session: Session) -> None:
+    """Reads and polls as ever, { pauses, Q ends it; what it draws otherwise is told."""
+    motion, steps = slow_board(session, RUN_S, STEPS)
+    program = (relative_mode(motion.driver), f"M{steps}")
+    enter_program(motion.driver, program)
+    _run(motion)
+    for text in _sent(motion, "Z", "."):
+        if not _judge_running(motion, text):
+            for ending in ("Q", "K", "Q", "J0"):
+                motion.driver.ask(ending)
+            _run(motion)
+    motion.driver.draws("Q", DONE, "MN4-CMD-U-01")
+    motion.stays("MN4-CMD-U-01")
+
+
+def _run(motion: BoardMotion) -> None:
+    motion.ready(JOG_SPEED, speed=motion.model.settings.speed)
+    motion.driver.draws("U", DONE, "MN4-CMD-U-01")
+    motion.target.wait(SETTLED_S)
+
+
+def _judge_running(motion: BoardMotion, text: str) -> bool:
+    """Judge one command; True if the program certainly runs on."""
+    driver, rule = motion.driver, rule_of(text)
+    exchange = driver.ask(text)
+    if text == "&":
+        motion.session.expect(len(exchange.codes) == 1, "MN4-STM-02", "one packet", exchange)
+        return True
+    if rule and rule.form is ReplyForm.LISTING and is_listing(exchange):
+        return True
+    expected = replace(motion.model.expect_in(text, BoardState.RUN), requirement="MN4-STM-02")
+    is_usual = driver.fits(text, exchange, expected)
+    if text in ("Q", "{"):
+        motion.stays("MN4-STM-02")
+        return False
+    return is_usual

@@ -1,0 +1,86 @@
+"""Measured rates: E1 and E2 count the ticks of a move over 100 and 1000 ms (E; MEA)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.client import MEASURES_S
+from axistwin_conformance.families.mn400.driver import AXES, DATA, BoardDriver
+from axistwin_conformance.families.mn400.motion.board_motion import (
+    CLOCK_ERROR,
+    MOTION,
+    NS,
+    BoardMotion,
+)
+
+ORDER = 170
+
+SPEEDS: Final = (300, 1500)
+SLOW: Final = 500
+
+
+@check("MN4-CMD-E-02", "MN4-CMD-E-03", "MN4-MEA-01", "MN4-MEA-02", "MN4-MEA-03", safety=MOTION)
+def a_measurement_counts_ticks(session: Session) -> None:
+    """At constant speed it is speed, multiplex and time, give or take a step, and it comes when the
+    time is over."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(2000, "these moves")
+    for mode, seconds in MEASURES_S.items():
+        for speed in SPEEDS:
+            for multiplex in (1, 2, 4):
+                if speed * (seconds + 0.3) < motion.room:
+                    _judge_count(motion, mode, seconds, speed, multiplex)
+
+
+def _judge_count(
+    motion: BoardMotion, mode: int, seconds: float, speed: int, multiplex: int
+) -> None:
+    session, driver = motion.session, motion.driver
+    motion.ready(f"X{multiplex}", speed=speed, profile=(speed, speed, 10_000))
+    far = min(motion.room, round(speed * (seconds + 0.6)))
+    motion.do(f"M{far},{-far // 3}", "MN4-CMD-E-02")
+    exchange = driver.draws(f"E{mode}", DATA, "MN4-CMD-E-02")
+    fields = exchange.value.fields if exchange.value else None
+    told = f"to E{mode}"
+    session.expect(len(fields or ()) == AXES + 1, "MN4-CMD-E-02", "five numbers", fields, told)
+    assert fields is not None
+    wanted = speed * multiplex * seconds
+    off = multiplex + (0 if motion.target.is_virtual else wanted * CLOCK_ERROR)
+    is_right = abs(fields[-1] - wanted) <= off
+    names = ("MN4-CMD-E-03", "MN4-MEA-02", "MN4-MEA-03")
+    session.expect(is_right, names, f"{wanted:g} within {float(off):g}", fields[-1], told)
+    waited = Fraction(exchange.came_ns[-1] - exchange.came_ns[0], NS)
+    most = Fraction(seconds) * (1 + CLOCK_ERROR) + Fraction(motion.target.line_ns, NS)
+    most += Fraction(60 * motion.target.byte_ns, NS)
+    is_timely = Fraction(seconds) * (1 - CLOCK_ERROR) <= waited <= most
+    limits = f"{seconds} to {float(most):.3f} s"
+    session.expect(is_timely, "MN4-MEA-01", limits, f"{float(waited):.3f} s", told)
+
+
+@check("MN4-CMD-E-04", "MN4-MEA-04", safety=MOTION)
+def a_measurement_disturbs_nothing(session: Session) -> None:
+    """Its positions are those of its end, or of its begin; the move goes on, and that of one axis
+    counts nothing."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(500, "these moves")
+    motion.ready(speed=SLOW)
+    motion.do("M500", "MN4-MEA-04")
+    exchange = driver.draws("E1", DATA, "MN4-MEA-04")
+    fields = (exchange.value.fields if exchange.value else None) or (0,) * (AXES + 1)
+    if driver.reading("measure_single_axis") == "zero":
+        driver.tells(fields[-1] == 0, "MN4-CMD-E-04", "a count of 0", fields[-1])
+    is_end = driver.reading("measure_position_sample") == "end"
+    first, last = motion.span(exchange)
+    begin, end = Fraction(exchange.came_ns[0], NS), Fraction(exchange.came_ns[0], NS)
+    if is_end:
+        begin, end = end + Fraction(1, 10) * (1 - CLOCK_ERROR), last
+    else:
+        begin = first
+    place = motion.model.where(motion.widened((begin, end)))
+    low, high = place[0]
+    driver.tells(low <= fields[0] <= high, "MN4-MEA-04", f"{low} to {high}", fields[0])
+    motion.follow("MN4-MEA-04")

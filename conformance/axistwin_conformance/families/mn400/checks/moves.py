@@ -1,0 +1,222 @@
+"""Vector moves: where they end, on which way, in what time (M, I, L, V, F, X; MOT, PAR)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400 import codec
+from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.motion.board_motion import (
+    MOTION,
+    NS,
+    SPEED,
+    BoardMotion,
+    is_monotone,
+)
+from axistwin_conformance.families.mn400.planner.vector import major_length
+
+ORDER = 120  # of this module in a run; see `Family.modules`
+
+# Displacements of relative moves, each sent with its mirror image behind it.
+LONG_NS: Final = 100_000_000  # a motion that is over later than any reply
+MOVES: Final = (
+    (1, 0, 0, 0), (0, -7, 0, 0), (0, 0, 300, 0), (0, 0, 0, -300), (400, 400, 0, 0),
+    (500, -377, 13, 1), (-3, 250, -249, 500), (123, 124, -124, -123),
+)  # fmt: skip
+# Profile and speed of moves: ramped, clipped to the end speed, too short for its ramps, just at the
+# speed, below the start speed, at the start speed, with another profile.
+TIMES: Final = (
+    ((1000, 5000, 10_000), 2000, 2000), ((1000, 3000, 10_000), 4000, 2000),
+    ((1000, 5000, 10_000), 5000, 500), ((1000, 5000, 10_000), 3000, 800),
+    ((1000, 5000, 10_000), 500, 500), ((1000, 5000, 10_000), 1000, 1000),
+    ((200, 5000, 2000), 1500, 2000), ((1000, 4000, 4000), 3000, 2000),
+)  # fmt: skip
+FAR_UP: Final = 2_147_483_640
+
+
+def typed(displacements: tuple[int, ...]) -> str:
+    """The M of these; axes that stand are left out at the end and between."""
+    told = ",".join(str(one) if one else "" for one in displacements)
+    return f"M{told.rstrip(',')}"
+
+
+@check("MN4-CMD-M-01", "MN4-CMD-M-02", "MN4-CMD-M-03", "MN4-PKT-01", "MN4-RSP-05", "MN4-RSP-15",
+       "MN4-MOT-03", "MN4-MEA-06", "MN4-PAR-07", safety=MOTION)  # fmt: skip
+def moves_end_where_they_are_sent(session: Session) -> None:
+    """One to four axes either way: all on their chord at any time, exactly there at the end; the
+    mirror image leads back."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.ready()
+    for displacements in MOVES:
+        motion.needs_room(major_length(displacements), "these moves")
+        for by in (displacements, tuple(-one for one in displacements)):
+            _judge_move(motion, by)
+
+
+def _judge_move(motion: BoardMotion, by: tuple[int, ...]) -> None:
+    session = motion.session
+    exchange = motion.do(typed(by), "MN4-PKT-01")
+    lasts_ns = round((motion.ends[0] - Fraction(exchange.asked_ns, NS)) * NS)
+    took_ns = exchange.done_ns - exchange.asked_ns
+    if lasts_ns > LONG_NS:
+        told = f"DONE before the end of a motion of {lasts_ns // 10**6} ms"
+        is_soon = took_ns < lasts_ns
+        session.expect(is_soon, "MN4-RSP-05", told, f"after {took_ns // 10**6} ms")
+    before = tuple(low for low, _ in motion.model.timeline.motions[0].base)
+    rows = motion.follow("MN4-CMD-M-01", ("MN4-CMD-M-02", "MN4-CMD-M-03"), "MN4-CMD-M-01")
+    session.expect(is_monotone(rows, by), "MN4-MEA-06", f"no way back on {by}", rows)
+    session.expect(is_monotone(rows, by), "MN4-RSP-15", "all axes at one instant", rows)
+    stood = [at for at, one in enumerate(by) if not one and rows[-1][at] != before[at]]
+    session.expect(not stood, "MN4-MOT-03", "axes that were not named at rest", rows[-1])
+    session.expect(not stood, "MN4-PAR-07", "what is left out at the end not moved", rows[-1])
+
+
+@check("MN4-PAR-06", "MN4-PAR-07", "MN4-PAR-10", "MN4-CMD-M-02", "MN4-CMD-I-01", "MN4-CMD-I-02",
+       "MN4-CMD-I-03", "MN4-CMD-L-02", safety=MOTION)  # fmt: skip
+def coordinates_are_those_of_the_mode(session: Session) -> None:
+    """Relative sums and absolute places; an axis that is left out keeps its place in both; L moves
+    the origin of absolute places."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.ready("L30,-20,10,5")
+    for text, requirement in (
+        ("M40,,-15", "MN4-PAR-06"), ("M5", "MN4-PAR-07"), ("M,25,", "MN4-PAR-10"),
+        ("M10,10,10,10", "MN4-CMD-M-02"),
+    ):  # fmt: skip
+        motion.run(text, requirement)
+    motion.do(motion.mode(is_absolute=True), "MN4-CMD-I-02")
+    for text, requirement in (
+        ("M50,40,30,20", "MN4-CMD-M-02"), ("M,,-10", "MN4-PAR-06"), ("M60", "MN4-PAR-07"),
+        ("M60,,-10", "MN4-CMD-I-01"), ("M70,", "MN4-PAR-10"), ("M0,0,0,0", "MN4-CMD-I-02"),
+    ):  # fmt: skip
+        motion.run(text, requirement)
+    motion.do("L100,100,100,100", "MN4-CMD-L-02")
+    motion.run("M120,90,100,110", "MN4-CMD-L-02")
+    motion.do(motion.mode(is_absolute=False), "MN4-CMD-I-03")
+    for text in ("M-20,10,0,-10", "M1"):
+        motion.run(text, "MN4-CMD-I-03")
+
+
+@check("MN4-CMD-V-01", "MN4-CMD-V-03", "MN4-CMD-F-01", "MN4-MOT-10", "MN4-MOT-11", "MN4-MOT-12",
+       "MN4-MOT-14", safety=MOTION)  # fmt: skip
+def moves_take_the_time_of_their_profile(session: Session) -> None:
+    """Ramps from start speed and back, a lower peak where the way is short, end speed at most, no
+    ramp below start speed."""
+    motion = BoardMotion(BoardDriver(session))
+    for profile, speed, steps in TIMES:
+        motion.needs_speed(min(speed, profile[1]), "these moves")
+        motion.needs_room(steps, "these moves")
+        motion.ready(speed=speed, profile=profile)
+        reached = motion.model.settings.motion(motion.driver.reading)
+        names = ["MN4-CMD-V-01", "MN4-CMD-F-01", "MN4-MOT-14"]
+        names += ["MN4-CMD-V-03", "MN4-MOT-12"] if not profile[0] < speed <= profile[1] else []
+        names += ["MN4-MOT-11"] if steps < 2 * reached.profile.ramp_length(
+            Fraction(profile[0]), Fraction(min(speed, profile[1]))
+        ) else ["MN4-MOT-10"]  # fmt: skip
+        for by in (steps, -steps):
+            motion.run(f"M{by}", "MN4-CMD-V-01", names, "MN4-CMD-V-01", names, samples=8)
+
+
+@check("MN4-MOT-01", "MN4-MOT-04", "MN4-MOT-05", "MN4-CMD-M-01", safety=MOTION)
+def speed_is_that_of_the_axis_that_goes_farthest(session: Session) -> None:
+    """A diagonal takes as long as its longest axis alone, at any multiplex."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(1600, "these moves")
+    for multiplex in (1, 2, 4):
+        for by in ("1600", "1600,1600,1600,1600", "-1600,-1200,7", "0,-1200,-1600,-1599"):
+            motion.ready(f"X{multiplex}")
+            names = ("MN4-CMD-M-01", "MN4-MOT-01", "MN4-MOT-05")
+            motion.run(f"M{by}", "MN4-CMD-M-01", names, "MN4-MOT-05", names, samples=3)
+    if motion.room < 60_000 or session.envelope.max_speed < 60_000:
+        session.not_run("MN4-MOT-04", "the limit of a multiplex takes 60000 steps at 60000 steps/s")
+        return
+    motion.ready("X2", speed=60_000, profile=(50_000, 60_000, 1_000_000))
+    motion.do("M60000,60000", "MN4-CMD-M-01")
+    rows = motion.follow("MN4-MOT-04")
+    session.expect(bool(rows), "MN4-MOT-04", "50000 steps/s", rows)
+
+
+@check("MN4-MOT-02", safety=MOTION)
+def the_slowest_and_the_fastest_rate_are_kept(session: Session) -> None:
+    """2 steps/s, and 100000 where the envelope lets it."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.ready("V2")
+    motion.run("M3,-1", "MN4-MOT-02")
+    if motion.room < 50_000 or session.envelope.max_speed < 100_000:
+        return
+    motion.ready(speed=100_000, profile=(100_000, 100_000, 1_000_000))
+    motion.run("M50000", "MN4-MOT-02")
+
+
+@check("MN4-CMD-V-05", "MN4-CMD-F-03", "MN4-MOT-15", "MN4-STM-01", "MN4-CMD-I-04", "MN4-RSP-06",
+       safety=MOTION)  # fmt: skip
+def a_move_keeps_the_settings_of_its_time(session: Session) -> None:
+    """V, F and I that come during a move are for those behind it; each move ramps by itself."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(1400, "these moves")
+    for text, requirement in (
+        ("V500", "MN4-CMD-V-05"), ("F400,400,1000", "MN4-CMD-F-03"), ("V2000", "MN4-MOT-15"),
+    ):  # fmt: skip
+        motion.ready()
+        motion.do("M1000", "MN4-RSP-06")
+        motion.do(text, requirement)
+        motion.do("M400", "MN4-RSP-06")
+        motion.follow(requirement, "MN4-STM-01", requirement, samples=8)
+    motion.ready()
+    motion.do("M800", "MN4-RSP-06")
+    motion.do(motion.mode(is_absolute=True), "MN4-CMD-I-04")
+    motion.do("M700", "MN4-RSP-06")
+    motion.do(motion.mode(is_absolute=False), "MN4-CMD-I-04")
+    motion.do("M-300", "MN4-RSP-06")
+    names = ("MN4-STM-01", "MN4-CMD-I-04")
+    motion.follow(names, "MN4-CMD-I-04", "MN4-STM-01", samples=8)
+
+
+@check("MN4-MOT-06", safety=MOTION)
+def counters_go_round(session: Session) -> None:
+    """Behind the greatest counter comes the least, and the other way."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.ready(f"L{FAR_UP},{-FAR_UP},0,0")
+    motion.set("M20,-20")
+    came = motion.rest()
+    up, down = FAR_UP + 20 - 2**32, 2**32 - FAR_UP - 20
+    told = f"{up}, {down}, 0, 0"
+    motion.driver.tells(came == (up, down, 0, 0), "MN4-MOT-06", told, came)
+    motion.ready()
+
+
+@check("MN4-PKT-05", "MN4-PKT-12", "MN4-ERR-02", safety=MOTION)
+def what_is_refused_moves_nothing(session: Session) -> None:
+    """M with a wrong sum, with a letter in a number, with a space in it."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.ready()
+    raw = codec.with_wrong_checksum(driver.client.request("M100"))
+    codes = driver.errors("CHKSUMERROR", is_recognised=False)
+    driver.judge(driver.client.ask_raw(raw), codes, "MN4-PKT-05")
+    motion.stays("MN4-PKT-05")
+    driver.draws("M10a", driver.errors("PARA_ERROR"), "MN4-ERR-02")
+    motion.stays("MN4-ERR-02")
+    if driver.reading("space_policy") == "skip":
+        session.not_run("MN4-PKT-12", "this board leaves spaces out (MN4-AMB-68)")
+    else:
+        for text in ("M 10", "M10 ", "M10, 20"):
+            driver.draws(text, driver.errors("PARA_ERROR"), "MN4-PKT-12")
+            motion.stays("MN4-PKT-12")
+    counters, _ = motion.read()
+    session.expect(not any(counters), "MN4-PKT-05", "0, 0, 0, 0", counters)
+
+
+@check("MN4-SYN-02", safety=MOTION)
+def a_positive_speed_ends_external_sync(session: Session) -> None:
+    """Behind V-1 a move waits for pulses, and Q ends it; behind V2000 one runs in its time."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.ready("V-1")
+    motion.do("M100", "MN4-SYN-02")
+    counters, _ = motion.read()
+    motion.set("Q")
+    session.note(f"without pulses the counters were {counters}")
+    motion.ready()
+    motion.run(f"M{motion.within(SPEED)}", "MN4-SYN-02")

@@ -1,0 +1,230 @@
+"""Pause, resume and quit anywhere in a motion; what N, / and : tell of it ({, }, Q; PAU, QUIT)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
+from axistwin_conformance.families.mn400.model.motions import Span, VectorMotion
+from axistwin_conformance.families.mn400.motion.board_motion import (
+    MOTION,
+    BoardMotion,
+    inside,
+    is_monotone,
+    told,
+)
+from axistwin_conformance.families.mn400.planner.speed import Halt, halted
+
+ORDER = 150
+
+# Motions that are paused, and how long each lasts about (s): moves, an arc, a helix.
+PAUSED: Final = (
+    ("M1500", 0.8), ("M-900,1200,7,-1", 0.7), ("A-400,0,-800,0,1", 0.6),
+    ("+-100,0,-200,0,-1,300,2", 0.7),
+)  # fmt: skip
+MOST_PAUSES: Final = 3
+
+
+def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[Halt, Halt]:
+    """Where the only move under way may stop that is told to in that span of time."""
+    scheduled = motion.model.timeline.motions[0]
+    assert isinstance(scheduled.motion, VectorMotion), "a vector move"
+    move = scheduled.motion.move
+    first, last = taken[0] - scheduled.begins[1], taken[1] - scheduled.begins[0]
+    ends = (
+        halted(move.plan, max(Fraction(0), at), move.settings.profile, is_ramped=is_ramped)
+        for at in (first, last)
+    )
+    low, high = ends
+    return low, high
+
+
+@check("MN4-CMD-PAU-01", "MN4-CMD-PAU-02", "MN4-CMD-N-01", "MN4-MEA-05", "MN4-PAU-01",
+       "MN4-CMD-SW-02", safety=MOTION)  # fmt: skip
+def a_move_stands_where_it_is_paused(session: Session) -> None:
+    """Half-way at start speed, and braking to it from a higher one; E and N add up to the whole, :
+    tells of the pause, and } goes on to the end."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(2000, "these moves")
+    for speed, by, at_s in (
+        (1000, (2000, 0, 0, 0), 1.0), (3000, (2000, -500, 0, 1), 0.4),
+        (3000, (-2000, 0, 0, 0), 0.1),
+    ):  # fmt: skip
+        motion.ready(speed=speed, profile=(1000, 5000, 5000))
+        motion.do(f"M{','.join(map(str, by))}", "MN4-CMD-PAU-01")
+        driver.target.wait(at_s)
+        exchange = driver.draws("{", ("START", "DONE"), "MN4-CMD-PAU-01")
+        _judge_halt(motion, motion.span(exchange), by)
+        motion.model.accept("{", motion.span(exchange))
+        here = motion.rest_paused()
+        left = driver.steps_left()
+        if driver.reading("readcount_sign") == "signed":
+            whole = tuple(one + other for one, other in zip(here, left, strict=True))
+        else:
+            whole = tuple(
+                one + other * (1 if at >= 0 else -1)
+                for one, other, at in zip(here, left, by, strict=True)
+            )
+        session.expect(whole == by, ("MN4-MEA-05", "MN4-CMD-N-01"), by, whole, "E and N together")
+        _judge_flags(motion, is_paused=True)
+        motion.stays("MN4-CMD-PAU-01")
+        motion.do("}", "MN4-CMD-PAU-02")
+        _judge_flags(motion, is_paused=False)
+        rows = motion.follow("MN4-CMD-PAU-02", samples=4)
+        session.expect(is_monotone(rows, by), "MN4-CMD-PAU-02", f"no way back on {by}", rows)
+
+
+def _judge_halt(motion: BoardMotion, taken: Span, by: tuple[int, ...]) -> None:
+    """Judge where the major axis comes to rest (MN4-AMB-61)."""
+    driver, session = motion.driver, motion.session
+    is_ramped = driver.reading("pause_decel") == "true"
+    low, high = stops_within(motion, motion.widened(taken), is_ramped=is_ramped)
+    driver.target.wait(float(high.seconds))
+    here, _ = motion.read()
+    window = int(low.steps) - 1, int(high.steps) + 1
+    came = abs(here[0])
+    is_right = window[0] <= came <= window[1]
+    session.expect(is_right, "MN4-PAU-01", told([window]), came, f"paused on the way to {by}")
+
+
+def _judge_flags(motion: BoardMotion, *, is_paused: bool) -> None:
+    if motion.driver.reading("has_feedhold_cmds") == "false":
+        motion.session.not_run("MN4-CMD-SW-02", "this board has no : (MN4-AMB-38)")
+        return
+    flags = motion.driver.flags()
+    seen = flags["PauseFlag"], flags["PauseState"]
+    wanted = (int(is_paused),) * 2
+    when = "while paused" if is_paused else "when resumed"
+    motion.session.expect(seen == wanted, "MN4-CMD-SW-02", wanted, seen, when)
+
+
+@check("MN4-PAU-02", "MN4-PAU-03", "MN4-CMD-PAU-02", safety=MOTION)
+def pauses_anywhere_lose_no_step(session: Session) -> None:
+    """Up to three pauses at drawn times, near the end as well, in moves, arcs and helices: the end
+    is exact, the exit code 0."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(1500, "these motions")
+    for text, lasts_s in PAUSED:
+        for _ in range(4 if session.transport.is_virtual else 1):
+            motion.ready(speed=motion.fast(2500))
+            motion.do(text, "MN4-CMD-PAU-02")
+            wanted = motion.end
+            for _ in range(session.random.randint(1, MOST_PAUSES)):
+                driver.target.wait(session.random.uniform(0, lasts_s / 2))
+                motion.do("{", "MN4-CMD-PAU-02")
+                driver.target.wait(session.random.uniform(0, 0.3))
+                motion.do("}", "MN4-CMD-PAU-02")
+            counters = motion.rest()
+            is_right = inside(counters, wanted)
+            names = ("MN4-PAU-02", "MN4-PAU-03", "MN4-CMD-PAU-02")
+            session.expect(is_right, names, told(wanted), counters, f"{text} with pauses")
+            code = driver.exit_code()
+            session.expect(code == 0, "MN4-PAU-03", 0, code, "exit code after pauses")
+
+
+@check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", safety=MOTION)
+def pauses_end_as_they_should(session: Session) -> None:
+    """A pause at rest holds nothing back; what is asked for in a pause waits behind it; Q drops
+    all of it."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(1100, "these moves")
+    motion.ready()
+    motion.do("{", "MN4-CMD-PAU-04")
+    motion.do("}", "MN4-CMD-PAU-04")
+    motion.do("{", "MN4-CMD-PAU-04")
+    if driver.reading("pause_idle") == "noop":
+        motion.run("M50", "MN4-CMD-PAU-04")
+    motion.ready(speed=1000)
+    motion.do("M1000", "MN4-PAU-04")
+    driver.target.wait(0.3)
+    motion.do("{", "MN4-PAU-04")
+    here = motion.rest_paused()
+    motion.do("M0,100", "MN4-PAU-04")
+    after = motion.stays("MN4-PAU-04")
+    session.expect(after == here, "MN4-PAU-04", here, after)
+    motion.do("}", "MN4-CMD-PAU-02")
+    counters = motion.rest()
+    session.expect(counters == (1000, 100, 0, 0), "MN4-PAU-04", "1000, 100, 0, 0", counters)
+    motion.ready(speed=1000)
+    motion.do("M1000", "MN4-PAU-05")
+    driver.target.wait(0.3)
+    motion.do("{", "MN4-PAU-05")
+    here = motion.rest_paused()
+    motion.do("Q", "MN4-PAU-05")
+    motion.do("}", "MN4-PAU-05")
+    after = motion.stays("MN4-PAU-05")
+    session.expect(after == here, "MN4-PAU-05", here, after)
+
+
+@check("MN4-CMD-Q-01", "MN4-CMD-Q-02", "MN4-QUIT-01", "MN4-QUIT-02", "MN4-CMD-N-02", "MN4-CMD-N-03",
+       safety=MOTION)  # fmt: skip
+def quit_stops_and_forgets(session: Session) -> None:
+    """Q ends the move where it is, and what waits behind it; relative moves go on from there, and
+    absolute places stay what they were."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(2000, "these moves")
+    for by in ((2000, 0, 0, 0), (-2000, 300, 0, -1)):
+        motion.ready(speed=3000, profile=(1000, 5000, 5000))
+        motion.do(f"M{','.join(map(str, by))}", "MN4-CMD-Q-01")
+        motion.do("M0,0,500", "MN4-CMD-Q-02")
+        _judge_left(motion, by)
+        driver.target.wait(0.3)
+        exchange = driver.draws("Q", ("START", "DONE"), "MN4-CMD-Q-01")
+        is_ramped = driver.reading("quit_decel") == "true"
+        taken = motion.widened(motion.span(exchange))
+        low, high = stops_within(motion, taken, is_ramped=is_ramped)
+        here = motion.rest()
+        motion.model.accept("Q", motion.span(exchange))
+        motion.model.observe(here)
+        window = int(low.steps) - 1, int(high.steps) + 1
+        is_right = window[0] <= abs(here[0]) <= window[1]
+        session.expect(is_right, ("MN4-QUIT-01", "MN4-CMD-Q-01"), told([window]), abs(here[0]))
+        if driver.reading("quit_flushes_queue") == "true":
+            session.expect(here[2] == 0, "MN4-CMD-Q-02", "axis 3 at rest", here)
+        motion.stays("MN4-CMD-Q-02")
+        _judge_rest(motion, here, by)
+        motion.run("M10,10", "MN4-QUIT-02")
+        motion.do(motion.mode(is_absolute=True), "MN4-QUIT-02")
+        motion.run("M0,0,0,0", "MN4-QUIT-02")
+        left = driver.steps_left()
+        session.expect(left == (0,) * AXES, "MN4-CMD-N-02", "0, 0, 0, 0", left, "after a move")
+
+
+def _judge_left(motion: BoardMotion, by: tuple[int, ...]) -> None:
+    """Judge that what waits does not count among the steps left."""
+    left = motion.driver.steps_left()
+    is_right = left[2] == 0 and abs(left[0]) <= abs(by[0])
+    motion.session.expect(is_right, "MN4-CMD-N-03", f"at most {by}, none of axis 3", left)
+
+
+def _judge_rest(motion: BoardMotion, here: tuple[int, ...], by: tuple[int, ...]) -> None:
+    """Judge what is left of a move that was ended (MN4-AMB-39)."""
+    driver = motion.driver
+    rest = tuple(wanted - one for wanted, one in zip(by, here, strict=True))
+    if driver.reading("readcount_sign") == "magnitude":
+        rest = tuple(map(abs, rest))
+    if driver.reading("readcount_after_abort") == "zero":
+        rest = (0,) * AXES
+    left = driver.steps_left()
+    motion.session.expect(left == rest, "MN4-CMD-N-02", rest, left, "after Q")
+
+
+@check("MN4-CMD-EXIT-02", "MN4-MEA-06", safety=MOTION)
+def reads_in_motion_tell_of_the_present(session: Session) -> None:
+    """During a move / is that of the one before, and E never turns back."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(1000, "this move")
+    motion.ready("|", speed=1000)
+    motion.do("M1000,-3", "MN4-MEA-06")
+    code = driver.exit_code()
+    session.expect(code == 0, "MN4-CMD-EXIT-02", 0, code, "exit code during the first move")
+    rows = motion.follow("MN4-MEA-06", samples=12)
+    session.expect(is_monotone(rows, (1000, -3, 0, 0)), "MN4-MEA-06", "no way back", rows)

@@ -1,0 +1,165 @@
+"""What a board does while it moves: it answers at once, queues what must wait, and serves the rest
+(RSP, STM, Q, RTX, SW)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.client import REPLY_LIMIT_S
+from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
+from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
+
+ORDER = 120  # of this module in a run; see `Family.modules`
+
+STEPS: Final = 400  # of a move that is looked at while it runs
+MOVE_S: Final = 2
+LOOKS: Final = 12
+MOST_QUEUED: Final = 200  # commands; a queue that takes more is not looked for
+PRESENT: Final = ("START", "PRESENT")
+
+
+def slow_board(
+    session: Session, seconds: float = MOVE_S, steps: int = STEPS
+) -> tuple[BoardMotion, int]:
+    """A board that is ready for moves of so many steps (or as many as there is room for), each of
+    which takes so long; and the steps."""
+    motion = BoardMotion(BoardDriver(session))
+    steps = motion.within(steps)
+    motion.ready(speed=max(2, round(steps / seconds)))
+    return motion, steps
+
+
+def needs_flags(session: Session) -> None:
+    """Leave the check out where a board has no ; and : (MN4-AMB-38)."""
+    if session.reading("has_feedhold_cmds") == "false":
+        session.skip("this board has no ; and : (MN4-AMB-38)")
+
+
+@check("MN4-RSP-15", safety=MOTION)
+def a_position_is_of_one_instant(session: Session) -> None:
+    """Of axes that go equally far no reading shows one behind the other, nor any going back."""
+    motion, steps = slow_board(session)
+    motion.set(f"M{steps},{steps},,{-steps}")
+    rows = []
+    for _ in range(LOOKS):
+        session.target.wait(MOVE_S / LOOKS)
+        rows.append(motion.driver.position())
+    is_one = all(row[0] == row[1] == -row[3] for row in rows)
+    motion.driver.tells(is_one, "MN4-RSP-15", "axes 1, 2 and 4 as far as one another", rows)
+    firsts = [row[0] for row in rows]
+    motion.driver.tells(firsts == sorted(firsts), "MN4-RSP-15", "no way back", firsts)
+    motion.rest()
+
+
+def standing_axis_loaded(driver: BoardDriver) -> str:
+    """An L that loads axis 2 with 7, and no other axis unless this board has no such L."""
+    return "L,7" if driver.reading("omitted_param") == "keep" else "L0,7,0,0"
+
+
+@check("MN4-STM-01", safety=MOTION)
+def counters_are_loaded_in_their_turn(session: Session) -> None:
+    """An L sent while a move runs is carried out behind it, where settings are queued at all."""
+    motion, steps = slow_board(session)
+    driver = motion.driver
+    motion.do(f"M{steps}", "MN4-STM-01")
+    motion.do(standing_axis_loaded(driver), "MN4-STM-01")
+    is_queued = driver.position()[1] == 0
+    driver.follows("queue_modal", "true" if is_queued else "false", "MN4-STM-01")
+    motion.wait_until(motion.ends[1])
+    position = motion.rest()
+    session.expect(position[1] == 7, "MN4-STM-01", "counter 2 loaded with 7", position)
+
+
+@check("MN4-STM-02", safety=MOTION)
+def in_motion_reads_are_answered_at_once(session: Session) -> None:
+    """Every read, poll and repetition in motion, within the time of a reply; the move goes on."""
+    motion, steps = slow_board(session, 4)
+    driver = motion.driver
+    motion.set(f"M{steps}")
+    limit_s = REPLY_LIMIT_S + session.target.uncertainty_ns / 1e9
+    flags = [":"] if driver.reading("has_feedhold_cmds") == "true" else []
+    for text in ("E", "N", "S", "/", "?", "[", *flags, "*", "&"):
+        wanted = PRESENT if text == "*" else ("PRESENT",) if text == "&" else DATA
+        exchange = driver.draws(text, wanted, "MN4-STM-02")
+        took_s = (exchange.done_ns - exchange.asked_ns) / 1e9
+        told = f"an answer within {limit_s:.2f} s"
+        session.expect(took_s <= limit_s, "MN4-STM-02", told, f"{took_s:.3f} s", f"to {text}")
+    motion.follow("MN4-STM-02")
+
+
+@check("MN4-STM-02", "MN4-CMD-FH-02", "MN4-CMD-EXIT-03", safety=MOTION)
+def in_motion_what_is_no_setting_of_motion_works_at_once(session: Session) -> None:
+    """; and | in motion: : and / tell so before the move is over."""
+    needs_flags(session)
+    motion, steps = slow_board(session, 4)
+    driver = motion.driver
+    motion.do(f"M{steps}", "MN4-STM-02")
+    for mode in (1, 0):
+        driver.draws(f";{mode}", DONE, "MN4-STM-02")
+        flags = driver.flags()
+        driver.tells(flags["FeedHold"] == mode, "MN4-CMD-FH-02", f"FeedHold {mode}", flags)
+    driver.draws("|", DONE, "MN4-STM-02")
+    code = driver.exit_code()
+    driver.tells(code == 0, "MN4-CMD-EXIT-03", "exit code 0", code)
+    motion.follow("MN4-STM-02")
+
+
+@check("MN4-STM-03", safety=MOTION)
+def a_full_queue_is_told(session: Session) -> None:
+    """Behind a move as many commands are taken as the queue holds; the next draws START and
+    SLAVEBUFFOV and is lost."""
+    motion, steps = slow_board(session, 30)
+    driver = motion.driver
+    motion.do(f"M{steps}", "MN4-STM-03")
+    taken = 0
+    for taken in range(MOST_QUEUED):
+        exchange = driver.ask(f"M,{1 - 2 * (taken % 2)}")
+        if exchange.codes != DONE:
+            break
+    else:
+        session.no_reading("MN4-STM-03", "queue_depth", ["32"], f"{MOST_QUEUED} commands taken")
+    codes = driver.errors("SLAVEBUFFOV")
+    driver.judge(exchange, codes, "MN4-STM-03")
+    driver.follows("queue_depth", str(taken), "MN4-STM-03")
+    driver.draws("Q", DONE, "MN4-STM-03")
+    motion.stays("MN4-STM-03")
+
+
+@check("MN4-CMD-RTX-03", safety=MOTION)
+def a_repetition_repeats_and_carries_nothing_out(session: Session) -> None:
+    """& behind E tells twice what E told, though the axis has gone on; & behind M moves nothing."""
+    motion, steps = slow_board(session)
+    driver = motion.driver
+    motion.do(f"M{steps}", "MN4-CMD-RTX-03")
+    for _ in range(2):
+        again = driver.draws("&", ("DONE",), "MN4-CMD-RTX-03")
+    seen = driver.position()
+    driver.target.wait(MOVE_S / 4)
+    for _ in range(2):
+        again = driver.draws("&", ("data",), "MN4-CMD-RTX-03")
+        told = again.value.fields if again.value else None
+        session.expect(told == seen, "MN4-CMD-RTX-03", seen, told, "as E told before")
+    now = driver.position()
+    session.expect(now[0] > seen[0], "MN4-CMD-RTX-03", f"more than {seen[0]}", now)
+    motion.follow("MN4-CMD-RTX-03")
+
+
+@check("MN4-CMD-SW-01", safety=MOTION)
+def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
+    """AbortFlag is 1 after Q has ended a move, 0 after | and behind the next move."""
+    needs_flags(session)
+    motion, steps = slow_board(session)
+    for ends in (("|",), (f"M{steps}",)):
+        motion.set(f"M{steps}")
+        motion.do("Q", "MN4-CMD-SW-01")
+        first, second = (motion.driver.flags()["AbortFlag"] for _ in range(2))
+        session.expect(first == 1, "MN4-CMD-SW-01", 1, first, "AbortFlag after Q")
+        seen = "next_or_clear" if second else "read"
+        motion.driver.follows("abort_flag_clear", seen, "MN4-CMD-SW-01")
+        for text in ends:
+            motion.do(text, "MN4-CMD-SW-01")
+        flag = motion.driver.flags()["AbortFlag"]
+        session.expect(flag == 0, "MN4-CMD-SW-01", 0, flag, f"AbortFlag behind {ends[0]}")
+        motion.follow("MN4-CMD-SW-01")

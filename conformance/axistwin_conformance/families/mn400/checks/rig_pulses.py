@@ -1,0 +1,142 @@
+"""Motion that external pulses pace: threading, and moves at a negative speed (T, V; THR, SYN)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.motion.board_motion import (
+    MOTION,
+    RIG_MOTION,
+    BoardMotion,
+    inside,
+    told,
+)
+from axistwin_conformance.families.mn400.planner.pulses import threaded
+from axistwin_conformance.families.mn400.planner.vector import axis_window, major_length
+
+ORDER = 310
+
+PULSES: Final = ("rig:pulses", "rig:index")
+BY: Final = (100, -53, 0, 7)
+PIECES: Final = (1, 2, 40, 57, 90)  # pulses fed, one after the other; 190 together
+SETTLE_S: Final = 0.05
+
+
+def fed(motion: BoardMotion, count: int) -> tuple[int, ...]:
+    """The counters once so many more pulses have come."""
+    motion.session.rig.work("pulses", count)
+    motion.target.wait(SETTLE_S)
+    return motion.read()[0]
+
+
+@check("MN4-THR-01", "MN4-THR-02", "MN4-THR-03", "MN4-THR-04", "MN4-CMD-T-01", "MN4-CMD-T-02",
+       safety=RIG_MOTION, needs=PULSES)  # fmt: skip
+def a_threading_move_follows_its_pulses(session: Session) -> None:
+    """Nothing before the index and the offset, then in proportion to the pulses, all of it with the
+    last one, and no step beyond."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(200, "these moves")
+    for is_absolute, pulses, offset in ((False, 200, 0), (False, 400, 10), (True, 200, 3)):
+        base = (10, 20, 30, 40) if is_absolute else (0, 0, 0, 0)
+        place = ",".join(map(str, base))
+        motion.ready(motion.mode(is_absolute=is_absolute), f"L{place}")
+        goal = [by + at if is_absolute else by for by, at in zip(BY, base, strict=True)]
+        text = f"T{','.join(map(str, goal))},{pulses},{offset}"
+        motion.driver.draws(text, DONE, "MN4-CMD-T-01")
+        motion.stays("MN4-THR-04")
+        if motion.driver.reading("threader_start") == "index":
+            before = fed(motion, 20)
+            motion.driver.tells(before == base, "MN4-THR-03", f"{base} before the index", before)
+            session.rig.work("index", True)
+        if offset:
+            before = fed(motion, offset)
+            session.expect(before == base, "MN4-CMD-T-01", f"{base} in the offset", before)
+        _judge_pulses(motion, base, pulses)
+        after = fed(motion, 50)
+        end = tuple(at + by for at, by in zip(base, BY, strict=True))
+        session.expect(after == end, ("MN4-THR-04", "MN4-CMD-T-02"), end, after, "pulses beyond")
+
+
+def _judge_pulses(motion: BoardMotion, base: Sequence[int], pulses: int) -> None:
+    """Judge the counters after each piece, and at the end."""
+    done = 0
+    for piece in (*PIECES, pulses - sum(PIECES)):
+        done += piece
+        counters = fed(motion, piece)
+        windows = [threaded(by, done, pulses) for by in BY]
+        place = [(at + low, at + high) for at, (low, high) in zip(base, windows, strict=True)]
+        is_right = inside(counters, tuple(place))
+        names = ("MN4-THR-01", "MN4-THR-02")
+        motion.session.expect(is_right, names, told(place), counters, f"after {done} of {pulses}")
+
+
+@check("MN4-THR-06", "MN4-CMD-T-03", safety=RIG_MOTION, needs=PULSES)
+def threading_knows_no_speed(session: Session) -> None:
+    """Whatever V and F are; Q ends it while it waits and on its way."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(200, "these moves")
+    for speed, profile in ((2, (2, 10, 1)), (5000, (1000, 5000, 10_000))):
+        motion.ready(speed=speed, profile=profile)
+        driver.draws("T100,0,0,0,100", DONE, "MN4-CMD-T-03")
+        if driver.reading("threader_start") == "index":
+            session.rig.work("index", True)
+        counters = fed(motion, 60)
+        session.expect(counters[0] == 60, "MN4-THR-06", "60", counters[0], f"at V{speed}")
+        driver.draws("Q", DONE, "MN4-CMD-T-03")
+        after = fed(motion, 60)
+        session.expect(after == counters, "MN4-CMD-T-03", counters, after, "pulses after Q")
+
+
+@check("MN4-THR-05", "MN4-CMD-T-03", safety=MOTION)
+def threading_waits_and_bounds_its_steps(session: Session) -> None:
+    """More steps than pulses are refused, or not (MN4-AMB-59); without pulses nothing moves, and Q
+    ends it."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(300, "these moves")
+    motion.ready()
+    exchange = driver.ask("T300,0,0,0,200")
+    if driver.reading("threader_overrate") == "para_error":
+        refused = driver.errors("PARA_ERROR")
+        driver.tells(exchange.says(*refused), "MN4-THR-05", " and ".join(refused), exchange)
+    else:
+        session.not_run("MN4-THR-05", "this board makes several steps per pulse (MN4-AMB-59)")
+    driver.command("Q")
+    driver.draws("T100,0,0,0,200", DONE, "MN4-CMD-T-03")
+    motion.stays("MN4-CMD-T-03")
+    driver.draws("Q", DONE, "MN4-CMD-T-03")
+    motion.run("M10", "MN4-CMD-T-03")
+
+
+@check("MN4-SYN-01", "MN4-CMD-V-02", "MN4-CMD-A-05", safety=RIG_MOTION, needs=("rig:pulses",))
+def at_a_negative_speed_pulses_pace_every_move(session: Session) -> None:
+    """One pulse is one step of the axis that goes farthest; an arc takes as many as it has ticks
+    and ends exactly; without pulses nothing moves."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(400, "these moves")
+    motion.ready("V-1")
+    driver.draws(f"M{','.join(map(str, BY))}", DONE, "MN4-CMD-V-02")
+    motion.stays("MN4-CMD-V-02")
+    length, done = major_length(BY), 0
+    for piece in (1, 9, 40, 49, 1):
+        done += piece
+        counters = fed(motion, piece)
+        place = tuple(axis_window(by, length, done, done) for by in BY)
+        session.expect(inside(counters, place), "MN4-SYN-01", told(place), counters, f"at {done}")
+    after = fed(motion, 10)
+    session.expect(after == BY, "MN4-SYN-01", BY, after, "pulses beyond the end")
+    motion.ready("V-1")
+    driver.draws("A-100,0,-200,0,1", DONE, "MN4-CMD-A-05")
+    motion.stays("MN4-CMD-A-05")
+    under_way = fed(motion, 100)
+    is_on = 0 > under_way[0] > -200
+    session.expect(is_on, "MN4-CMD-A-05", "half-way after 100 pulses", under_way)
+    after = fed(motion, 300)
+    wanted = (-200, 0, 0, 0)
+    session.expect(after == wanted, "MN4-CMD-A-05", wanted, after, "after 400 pulses")

@@ -1,0 +1,275 @@
+"""The stored program: what is entered, what R lists of it, and what U makes of it (NVM, STM, CMD).
+
+The program that was there before is put back by the snapshot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from axistwin_conformance.base.check import check
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400 import codec
+from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.persistence.programs import (
+    PROFILE,
+    end_program,
+    enter_program,
+    fill_store,
+    listing,
+    program_entry,
+    relative_mode,
+)
+from axistwin_conformance.families.mn400.probes.stored import RUNNING, STORED
+from axistwin_conformance.families.mn400.snapshot import restoring
+
+ORDER = 250  # of this module in a run; see `Family.modules`
+
+# Lines that would show if they were carried out, and those that end other entries or say something.
+LINES: Final = ("V1500", "x4", "L5,-6,7,8", "E", "Q", "*", "s", "?", "(", "V1")
+OTHER_LINES: Final = ("X2", "Y500")
+STEPS: Final = 10
+SLOW_SPEED, FAST_SPEED = 20, 200  # steps/s, both below the start speed: no ramps
+THERE_AND_BACK: Final = (f"V{SLOW_SPEED}", f"M{STEPS}", f"V{FAST_SPEED}", f"M-{STEPS}")
+ONE_BY_ONE: Final = (f"V{SLOW_SPEED}", f"M{STEPS}", f"M,{STEPS}")
+MOVE_S: Final = STEPS / SLOW_SPEED
+LATE_S: Final = 0.2  # what a board may take for a line of a program
+AT_REST: Final = (0, 0, 0, 0)
+
+
+# --- what is entered ------------------------------------------------------------------------------
+
+
+@check("MN4-NVM-01", "MN4-NVM-02", "MN4-STM-04", "MN4-STM-05", "MN4-CMD-Q-04", safety=STORED)
+@restoring("VXL")
+def a_program_is_kept_and_not_carried_out(session: Session) -> None:
+    """Whatever is sent behind Z draws START and DONE, does nothing, and is listed by R as sent."""
+    driver = BoardDriver(session)
+    driver.command("L1,2,3,4")
+    with program_entry(driver):
+        for line in LINES:
+            # A Q that has ended the entry shows by what follows it.
+            names = ("MN4-STM-04", *(("MN4-CMD-Q-04",) if line in ("Q", "*") else ()))
+            driver.draws(line, DONE, names)
+        driver.judge(end_program(driver), DONE, "MN4-NVM-01")
+    driver.draws("*", ("START", "PRESENT"), "MN4-NVM-01")
+    position = driver.position()
+    session.expect(position == (1, 2, 3, 4), "MN4-NVM-01", "1, 2, 3, 4", position)
+    judge_listing(driver, LINES, ("MN4-NVM-02", "MN4-STM-04"))
+
+
+def judge_listing(
+    driver: BoardDriver, lines: Sequence[str], names: tuple[str, ...], context: str = ""
+) -> None:
+    """Judge that R lists these lines, in one case or the other; that it keeps the case is told."""
+    session, exchange = driver.session, driver.ask("R")
+    seen = listing(driver.client, exchange)
+    session.step(seen is not None, "a listing by R", exchange)
+    assert seen is not None
+    in_capitals = [line.upper() for line in seen]
+    wanted = [line.upper() for line in lines]
+    session.expect(in_capitals == wanted, names, list(lines), list(seen), context)
+    if session.check is not None and "MN4-STM-05" in session.check.declared:
+        driver.tells(list(seen) == list(lines), "MN4-STM-05", "lines as sent", ", ".join(seen))
+    count = sum(packet.code is None and packet.value != "" for packet in exchange.found)
+    if len(lines) > 1 and "MN4-NVM-02" in names:
+        framing = "packet_per_line" if count == len(lines) else "single"
+        session.expect(count in (1, len(lines)), "MN4-NVM-02", "a packet for each line", count)
+        driver.follows("readprogram_framing", framing, "MN4-NVM-02")
+
+
+@check("MN4-NVM-03", "MN4-NVM-02", "MN4-CMD-U-02", safety=RUNNING)
+@restoring("L")
+def a_new_program_takes_the_place_of_the_old_one(session: Session) -> None:
+    """R lists the last one alone; an empty one lists nothing, and U then does nothing."""
+    driver = BoardDriver(session)
+    enter_program(driver, LINES)
+    enter_program(driver, OTHER_LINES)
+    judge_listing(driver, OTHER_LINES, ("MN4-NVM-03", "MN4-NVM-02"))
+    enter_program(driver, ())
+    judge_listing(driver, (), ("MN4-NVM-03",))
+    driver.command("L5,6,7,8")
+    exchange = driver.ask("U")
+    driver.tells(exchange.says(*DONE), "MN4-CMD-U-02", "START and DONE", exchange)
+    position = driver.position()
+    session.expect(position == (5, 6, 7, 8), "MN4-CMD-U-02", "5, 6, 7, 8", position)
+
+
+@check("MN4-STM-04", "MN4-NVM-02", "MN4-PKT-05", "MN4-ERR-01", safety=STORED)
+def what_is_no_line_is_not_stored(session: Session) -> None:
+    """Unknown commands and Z are refused when entered or when run; a line with a wrong sum is
+    refused, and none of them is listed that was."""
+    driver = BoardDriver(session)
+    is_refused_at_once = driver.reading("prog_check") == "entry"
+    kept = ["V500"]
+    with program_entry(driver):
+        driver.command("V500")
+        for text in ("W", "Z"):
+            exchange = driver.ask(text)
+            at_once = exchange.says(*driver.errors("INVALIDPROGCOMM"))
+            session.expect(
+                at_once or exchange.says(*DONE), "MN4-ERR-01", "INVALIDPROGCOMM or DONE", exchange
+            )
+            driver.follows("prog_check", "entry" if at_once else "run", "MN4-STM-04")
+            kept += [] if is_refused_at_once else [text]
+        wrong = codec.with_wrong_checksum(driver.client.request("V700"))
+        codes = driver.errors("CHKSUMERROR", is_recognised=False)
+        driver.judge(driver.client.ask_raw(wrong), codes, "MN4-PKT-05")
+        driver.command("X1")
+        session.step(end_program(driver).says(*DONE), "START and DONE to Ctrl-D", "none")
+    judge_listing(driver, (*kept, "X1"), ("MN4-STM-04", "MN4-PKT-05"))
+    session.expect(True, "MN4-NVM-02", "", "")
+
+
+@check("MN4-STM-04", safety=STORED)
+def a_repeat_in_an_entry_is_served_or_stored(session: Session) -> None:
+    """& between Z and Ctrl-D repeats the last message, or is a line like any other."""
+    driver = BoardDriver(session)
+    with program_entry(driver):
+        driver.command("V500")
+        exchange = driver.ask("&")
+        is_stored = exchange.says(*DONE)
+        session.step(is_stored or exchange.says("DONE"), "DONE, with START or without", exchange)
+        driver.follows("retransmit_in_entry", "store" if is_stored else "retransmit", "MN4-STM-04")
+        session.step(end_program(driver).says(*DONE), "START and DONE to Ctrl-D", "none")
+    judge_listing(driver, ("V500", "&") if is_stored else ("V500",), ("MN4-STM-04",))
+
+
+@check("MN4-NVM-09", "MN4-NVM-08", "MN4-NVM-02", safety=STORED, level="full")
+def what_does_not_fit_is_refused(session: Session) -> None:
+    """Lines are taken until MEMORY_FULL; all that were taken are listed, and no more than the
+    memory holds."""
+    driver = BoardDriver(session)
+    enter_program(driver, ())
+    with program_entry(driver):
+        filled = fill_store(driver)
+        exchange = filled.refusal
+        driver.tells(
+            exchange.says(*driver.errors("MEMORY_FULL")), "MN4-NVM-09", "MEMORY_FULL", exchange
+        )
+        session.step(end_program(driver).says(*DONE), "START and DONE to Ctrl-D", "none")
+    judge_listing(driver, filled.lines, ("MN4-NVM-09", "MN4-NVM-02"))
+    size = int(driver.reading("nvm_size"))
+    told = f"at most {size} bytes"
+    session.expect(filled.text_bytes <= size, "MN4-NVM-08", told, filled.text_bytes)
+
+
+# --- what runs ------------------------------------------------------------------------------------
+
+
+@check("MN4-CMD-U-01", "MN4-NVM-10", "MN4-NVM-01", safety=RUNNING)
+@restoring("IVFL")
+def a_program_runs_line_by_line(session: Session) -> None:
+    """U draws START and DONE at once; a V in the program is that of the moves behind it."""
+    driver = BoardDriver(session)
+    if driver.reading("program_replies") == "true":
+        session.skip("the replies of a running program fall into the reading of positions")
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), *THERE_AND_BACK))
+    driver.target.wait(MOVE_S)
+    position = driver.position()
+    session.expect(position == AT_REST, "MN4-NVM-01", "no motion", position)
+    exchange = driver.draws("U", DONE, "MN4-CMD-U-01")
+    _judge_at(driver, exchange.asked_ns, MOVE_S / 2, range(STEPS // 2 - 3, STEPS // 2 + 3))
+    _judge_at(driver, exchange.asked_ns, MOVE_S + STEPS / FAST_SPEED + LATE_S, range(1))
+    driver.target.wait(MOVE_S)
+    position = driver.position()
+    session.expect(position == AT_REST, "MN4-CMD-U-01", AT_REST, position, "at the end")
+
+
+def _judge_at(driver: BoardDriver, begun_ns: int, after_s: float, wanted: range) -> None:
+    """Judge where the first axis is so long after the program was started."""
+    session, target = driver.session, driver.target
+    target.wait(max(0.0, after_s - (target.now_ns - begun_ns) / 1e9))
+    steps = driver.position()[0]
+    late_s = (target.now_ns - begun_ns) / 1e9 - after_s
+    if late_s > LATE_S:
+        session.inconclusive("MN4-NVM-10", f"E was answered {late_s:.2f} s late")
+    told = f"{wanted[0]} to {wanted[-1]} steps"
+    session.expect(
+        steps in wanted, ("MN4-NVM-10", "MN4-CMD-U-01"), told, steps, f"{after_s:.2f} s after U"
+    )
+
+
+@check("MN4-NVM-13", "MN4-RSP-14", safety=RUNNING)
+@restoring("IVFL")
+def a_running_program_says_nothing(session: Session) -> None:
+    """Behind START and DONE of U the line is quiet, or every line is answered (MN4-AMB-53)."""
+    driver = BoardDriver(session)
+    enter_program(driver, ("V500", "E", "X1"))
+    driver.command("U")
+    came = driver.client.listen(MOVE_S + session.reply_timeout_s)
+    seen = "true" if came else "false"
+    driver.follows("program_replies", seen, "MN4-NVM-13")
+    if driver.reading("program_replies") == "false":
+        session.expect(not came, "MN4-RSP-14", "nothing", came.hex(" ").upper())
+
+
+@check("MN4-CMD-Q-05", "MN4-CMD-U-01", safety=RUNNING)
+@restoring("IVFL")
+def quit_ends_a_running_program(session: Session) -> None:
+    """Q during the first move: the axis stands, and the second move never comes."""
+    driver = BoardDriver(session)
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), *ONE_BY_ONE))
+    driver.draws("U", DONE, "MN4-CMD-U-01")
+    driver.target.wait(MOVE_S / 2)
+    driver.draws("Q", DONE, "MN4-CMD-Q-05")
+    first = driver.position()
+    driver.target.wait(3 * MOVE_S)
+    last = driver.position()
+    session.expect(first == last, "MN4-CMD-Q-05", first, last, f"{3 * MOVE_S} s after Q")
+    is_cut = 0 < last[0] < STEPS and last[1:] == AT_REST[1:]
+    session.expect(is_cut, "MN4-CMD-Q-05", f"less than {STEPS} steps of axis 1 alone", last)
+
+
+@check("MN4-CMD-PAU-03", safety=RUNNING)
+@restoring("IVFL")
+def a_running_program_can_be_paused(session: Session) -> None:
+    """{ during the first move holds the program, } lets it go on to its end, no step lost."""
+    driver = BoardDriver(session)
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), *ONE_BY_ONE))
+    driver.command("U")
+    driver.target.wait(MOVE_S / 2)
+    driver.draws("{", DONE, "MN4-CMD-PAU-03")
+    driver.target.wait(LATE_S)
+    first = driver.position()
+    driver.target.wait(3 * MOVE_S)
+    last = driver.position()
+    session.expect(first == last, "MN4-CMD-PAU-03", first, last, f"{3 * MOVE_S} s after {{")
+    session.expect(0 < last[0] < STEPS, "MN4-CMD-PAU-03", f"less than {STEPS} steps", last)
+    driver.draws("}", DONE, "MN4-CMD-PAU-03")
+    driver.target.wait(2 * MOVE_S + 2 * LATE_S)
+    end = driver.position()
+    wanted = (STEPS, STEPS, 0, 0)
+    session.expect(end == wanted, "MN4-CMD-PAU-03", wanted, end, "after }")
+
+
+@check("MN4-NVM-12", safety=(*RUNNING, "rig"), needs=("rig:start",))
+@restoring("IVFL")
+def the_start_switch_runs_the_program(session: Session) -> None:
+    """Start on the panel does what U does, or nothing at all (MN4-AMB-56)."""
+    driver = BoardDriver(session)
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), *THERE_AND_BACK))
+    begun_ns, done_ns = session.rig.work("start", True)
+    session.rig.work("start", False)
+    driver.target.wait(MOVE_S / 2)
+    steps = driver.position()[0]
+    late = round((done_ns - begun_ns) / 1e9 * SLOW_SPEED)
+    driver.follows("panel_start", "run_program" if steps else "none", "MN4-NVM-12")
+    if driver.reading("panel_start") == "none":
+        return
+    wanted = range(STEPS // 2 - 3, STEPS // 2 + 3 + late)
+    told = f"{wanted[0]} to {wanted[-1]} steps"
+    is_right = steps in wanted or late > 0
+    session.expect(is_right, "MN4-NVM-12", told, steps, f"{MOVE_S / 2:.2f} s after Start")
+    driver.target.wait(MOVE_S)
+    position = driver.position()
+    session.expect(position == AT_REST, "MN4-NVM-12", AT_REST, position, "at the end")

@@ -1,0 +1,59 @@
+"""The way home: a board at rest, and its axes back where the run found them.
+
+Where that is the travel guard knows.  Without one nothing can be harmed: a twin, which is only
+brought to rest.  The way is one relative move from counters of 0, which is the same in both
+coordinate modes.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from axistwin_conformance.base import interrupts
+from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.motion.travel_guard import BoardTravelGuard
+
+LOOK_S: Final = 0.1  # from one look at the axes to the next
+STILL_LOOKS: Final = 3  # alike in a row: who takes steps is seen to, at 5 steps/s and more
+MOST_LOOKS: Final = 3000
+HOME_SPEED: Final = 1000
+HOME_ACCELERATION: Final = 10_000
+HOME_SETS: Final = "FVBH"  # what the way home sets
+
+
+def wait_for_rest(driver: BoardDriver) -> tuple[int, ...]:
+    """Look at the counters until they stay as they are, or somebody wants it to end."""
+    seen, alike = driver.position(), 1
+    for _ in range(MOST_LOOKS):
+        if alike >= STILL_LOOKS or interrupts.is_hurried():
+            break
+        driver.target.wait(LOOK_S)
+        before, seen = seen, driver.position()
+        alike = alike + 1 if seen == before else 1
+    return seen
+
+
+def return_to_start(session: Session, driver: BoardDriver) -> str:
+    """End any motion and go home; why that could not be, or nothing."""
+    driver.ask("Q")
+    wait_for_rest(driver) if driver.reading("quit_decel") == "true" else driver.position()
+    guard = session.transport.travel_guard
+    if not isinstance(guard, BoardTravelGuard):
+        return ""
+    away = guard.way_home(driver.board)
+    if away is None:
+        return "nobody knows exactly how far the axes are from where they were found"
+    if not any(away):
+        return ""
+    if session.run.runaway:
+        return f"the axes are {away} from where they were found"
+    speed = min(HOME_SPEED, session.envelope.max_speed)
+    back = ",".join(str(-one) for one in away)
+    profile = f"F{speed},{speed},{HOME_ACCELERATION}"
+    for text in ("H0", profile, f"V{speed}", "B0,0,0,0", "L0,0,0,0"):
+        driver.ask(text)
+    driver.ask(f"M{back}")
+    wanted = tuple(-one for one in away)
+    came = wait_for_rest(driver)
+    return "" if came == wanted else f"the axes went {came} where {wanted} leads home"

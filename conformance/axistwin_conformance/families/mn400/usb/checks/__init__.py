@@ -1,0 +1,1 @@
+"""Checks of the MN400 on USB."""

@@ -1,0 +1,524 @@
+"""Faults of motion: moves, arcs, helices, contours, backlash, read-out, limits, panel (CMD-M to
+IO)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from axistwin.devices.mn400 import orders
+from axistwin.devices.mn400.inputs import Inputs
+from axistwin.devices.mn400.jog import Jogger
+from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, arc_is_round, straight
+from axistwin.devices.mn400.mover import Mover
+from axistwin.devices.mn400.orders import MotionOrder
+from zoo_mn400.planting import (
+    MS,
+    Any_,
+    MonkeyPatch,
+    around,
+    begins_with,
+    board_mutant,
+    plans,
+    settles,
+    values,
+)
+
+# --- moves ----------------------------------------------------------------------------------------
+
+
+@board_mutant("MN4-CMD-M-01")
+def each_axis_runs_at_its_own_speed(patch: MonkeyPatch) -> None:
+    """A move ends where it should, but its axes go one behind the other."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, displacement: Any) -> Any:
+        from axistwin.devices.mn400.motion import ContourSegment, contour
+
+        segments = []
+        for axis, steps in enumerate(displacement):
+            one = [0, 0, 0, 0]
+            one[axis] = steps
+            first, second, third, fourth = one
+            segments.append(ContourSegment((first, second, third, fourth), settings.speed))
+        return contour(now, settings, segments, 0)
+
+    plans(patch, "straight", act)
+
+
+@board_mutant("MN4-CMD-M-02")
+def targets_are_distances(patch: MonkeyPatch) -> None:
+    """In absolute mode M goes as far as its parameters say."""
+
+    def act(go: Any_, order: MotionOrder, position: Any, field: int, axis: int) -> int:
+        return int(go((0, 0, 0, 0), field, axis)) if order.letter == "M" else int(go())
+
+    around(patch, MotionOrder, "distance", act)
+
+
+@board_mutant("MN4-CMD-M-01")
+def axis_2_goes_the_other_way(patch: MonkeyPatch) -> None:
+    """A positive parameter counts axis 2 down."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, displacement: Any) -> Any:
+        first, second, third, fourth = displacement
+        return go(now, settings, (first, -second, third, fourth))
+
+    plans(patch, "straight", act)
+
+
+@board_mutant("MN4-CMD-M-02", "MN4-CMD-M-03", traps=(42,))
+def long_moves_miss_by_one(patch: MonkeyPatch) -> None:
+    """Of a distance of 50 steps or more the last one is not made."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, displacement: Any) -> Any:
+        less = tuple(d - (d > 50) + (d < -50) for d in displacement)
+        return go(now, settings, less)
+
+    plans(patch, "straight", act)
+
+
+@board_mutant("MN4-CMD-M-01")
+def unnamed_axes_creep(patch: MonkeyPatch) -> None:
+    """Axis 4 makes a step with each move."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, displacement: Any) -> Any:
+        first, second, third, fourth = displacement
+        return go(now, settings, (first, second, third, fourth or 1))
+
+    plans(patch, "straight", act)
+
+
+@board_mutant("MN4-CMD-V-01")
+def the_speed_at_power_on_is_1000(patch: MonkeyPatch) -> None:
+    """V is 1000 until it is set, and 1000 when 2000 is."""
+    begins_with(patch, speed=1000)
+    settles(
+        patch,
+        "V",
+        lambda after, before: replace(after, speed=1000 if after.speed > 1000 else after.speed),
+    )
+
+
+def _caps(patch: MonkeyPatch, change: Any_) -> None:
+    """Let `change(cap, settings, speed, multiplex)` be the top speed."""
+
+    def act(go: Any_, settings: MoveSettings, speed: int, multiplex: int, feed: int) -> int:
+        return int(change(int(go()), settings, speed, multiplex))
+
+    around(patch, MoveSettings, "cap", act)
+
+
+@board_mutant("MN4-CMD-V-03", "MN4-MOT-12", traps=(17,))
+def the_end_speed_is_no_limit(patch: MonkeyPatch) -> None:
+    """V above the end speed of the profile is run at V."""
+    _caps(patch, lambda cap, settings, speed, multiplex: max(cap, abs(speed)))
+
+
+@board_mutant("MN4-CMD-V-03", "MN4-MOT-12", traps=(17,))
+def no_move_is_slower_than_the_start_speed(patch: MonkeyPatch) -> None:
+    """V below the start speed is run at the start speed."""
+    _caps(patch, lambda cap, settings, speed, multiplex: max(cap, settings.profile.start))
+
+
+@board_mutant("MN4-CMD-V-01", "MN4-CMD-F-01")
+def speeds_are_a_tenth_less(patch: MonkeyPatch) -> None:
+    """The clock of the steps is slow."""
+    _caps(patch, lambda cap, settings, speed, multiplex: max(2, cap * 9 // 10))
+
+
+def _profiles(patch: MonkeyPatch, change: Any_) -> None:
+    """Let each straight move have the profile `change(profile)`."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, *rest: Any) -> Any:
+        return go(now, replace(settings, profile=change(settings.profile)), *rest)
+
+    plans(patch, "straight", act)
+
+
+@board_mutant("MN4-CMD-F-01", "MN4-MOT-10")
+def moves_are_not_ramped(patch: MonkeyPatch) -> None:
+    """A move runs at V from its first step."""
+    _profiles(patch, lambda profile: SpeedProfile(profile.end, profile.end, profile.acceleration))
+
+
+@board_mutant("MN4-CMD-F-01")
+def moves_begin_at_rest(patch: MonkeyPatch) -> None:
+    """The start speed is 2 steps/s, whatever F says."""
+    _profiles(patch, lambda profile: replace(profile, start=2))
+
+
+@board_mutant("MN4-CMD-F-01")
+def ramps_are_a_third_as_steep(patch: MonkeyPatch) -> None:
+    """The acceleration is a third of F's."""
+    _profiles(patch, lambda profile: replace(profile, acceleration=profile.acceleration // 3 + 1))
+
+
+@board_mutant("MN4-CMD-V-05", traps=(38,))
+def a_speed_acts_on_the_move_that_runs(patch: MonkeyPatch) -> None:
+    """V during a move changes it."""
+
+    def act(go: Any_, mover: Mover, now: int, waiting: Any) -> None:
+        before = mover.accepted.speed
+        go()
+        after = mover.accepted.speed
+        if mover._motion is not None and after != before and after > 0:
+            mover._motion = mover._motion.override(now, max(1, min(1000, after * 1000 // before)))
+            mover._watch(now)
+
+    around(patch, Mover, "set", act)
+
+
+@board_mutant("MN4-RSP-05", traps=(2, 46))
+def done_is_sent_at_the_end_of_a_move(patch: MonkeyPatch) -> None:
+    """DONE of a move of less than 0.45 s is sent when it is over."""
+    from axistwin.devices.mn400.commands import Interpreter
+
+    def act(go: Any_, one: Interpreter, line: Any, letter: str) -> Any:
+        answer = go()
+        motion = one._mover.motion_at(line.now)
+        if letter == "M" and motion is not None and motion.end_ns is not None:
+            wait_ns = motion.end_ns - line.now
+            if wait_ns < 450 * MS:
+                answer.parts[-1] = answer.parts[-1]._replace(wait_ns=wait_ns)
+        return answer
+
+    around(patch, Interpreter, "_answer", act)
+
+
+# --- arcs and helices -----------------------------------------------------------------------------
+
+
+def _planes(patch: MonkeyPatch, name: str, change: Any_) -> None:
+    """Let an arc or a helix have other arguments."""
+    plans(patch, name, lambda go, now, settings, *rest: go(now, settings, *change(*rest)))
+
+
+@board_mutant("MN4-CMD-A-01", traps=(15,))
+def the_plane_is_axes_1_and_2(patch: MonkeyPatch) -> None:
+    """At power-on, and after P1,3,2."""
+    begins_with(patch, plane=(0, 1, 2))
+
+    def change(after: Any, before: Any) -> Any:
+        return replace(after, plane=(0, 1, 2)) if after.plane == (0, 2, 1) else after
+
+    settles(patch, "P", change)
+
+
+@board_mutant("MN4-CMD-A-03", "MN4-ARC-01", traps=(19,))
+def clockwise_is_the_other_way_round(patch: MonkeyPatch) -> None:
+    """Direction 1 is counter-clockwise."""
+    _planes(
+        patch,
+        "arc",
+        lambda plane, center, end, is_clockwise: (plane, center, end, not is_clockwise),
+    )
+
+
+@board_mutant("MN4-CMD-A-04")
+def radii_may_differ_by_a_tenth(patch: MonkeyPatch) -> None:
+    """What is nearly round is taken for an arc."""
+    patch.setattr(orders, "arc_is_round", lambda rules, center, end: center != (0, 0))
+
+
+@board_mutant("MN4-ARC-07")
+def a_radius_of_zero_is_taken(patch: MonkeyPatch) -> None:
+    """A0,0,0,0,1 draws DONE."""
+    check = arc_is_round
+    patch.setattr(
+        orders,
+        "arc_is_round",
+        lambda rules, center, end: center == (0, 0) or check(rules, center, end),
+    )
+
+    def act(go: Any_, now: int, settings: MoveSettings, plane: Any, center: Any, *rest: Any) -> Any:
+        if center == (0, 0):
+            return straight(now, settings, (0, 0, 0, 0))
+        return go(now, settings, plane, center, *rest)
+
+    plans(patch, "arc", act)
+
+
+@board_mutant("MN4-ARC-02", traps=(18,))
+def radii_must_be_equal(patch: MonkeyPatch) -> None:
+    """The arc of 45 degrees of the manual is refused."""
+
+    def is_round(rules: Any, center: Any, end: Any) -> bool:
+        first = center[0] ** 2 + center[1] ** 2
+        second = (end[0] - center[0]) ** 2 + (end[1] - center[1]) ** 2
+        return bool(first == second != 0)
+
+    patch.setattr(orders, "arc_is_round", is_round)
+
+
+@board_mutant("MN4-ARC-03")
+def arcs_end_beside_their_end(patch: MonkeyPatch) -> None:
+    """An arc of other radii by rounding ends on its circle."""
+
+    def act(
+        go: Any_, now: int, settings: MoveSettings, plane: Any, center: Any, end: Any, way: Any
+    ) -> Any:
+        first = center[0] ** 2 + center[1] ** 2
+        second = (end[0] - center[0]) ** 2 + (end[1] - center[1]) ** 2
+        moved = end if first == second else (end[0] + 1, end[1])
+        return go(now, settings, plane, center, moved, way)
+
+    plans(patch, "arc", act)
+
+
+@board_mutant("MN4-CMD-HEL-01", "MN4-HEL-02")
+def a_helix_makes_one_turn_less(patch: MonkeyPatch) -> None:
+    """Of four revolutions three are made, and the arc."""
+
+    def change(*given: Any) -> Any:
+        return (*given[:-1], max(0, given[-1] - 1))
+
+    _planes(patch, "helix", change)
+
+
+@board_mutant("MN4-CMD-HEL-02")
+def a_helix_always_goes_up(patch: MonkeyPatch) -> None:
+    """The sign of the traverse is lost."""
+
+    def change(*given: Any) -> Any:
+        return (*given[:-2], abs(given[-2]), given[-1])
+
+    _planes(patch, "helix", change)
+
+
+# --- contours -------------------------------------------------------------------------------------
+
+
+def _contours(patch: MonkeyPatch, change: Any_) -> None:
+    """Let a contour have `change(segments, margin)`."""
+    plans(
+        patch,
+        "contour",
+        lambda go, now, settings, segments, margin: go(now, settings, *change(segments, margin)),
+    )
+
+
+@board_mutant("MN4-CC-02", "MN4-CC-03", traps=(21,))
+def a_contour_stops_at_each_joint(patch: MonkeyPatch) -> None:
+    """Each segment begins and ends at start speed."""
+    from axistwin.devices.mn400.motion import moves
+
+    patch.setattr(moves, "_seam", lambda before, after, margin, settings: None)
+
+
+@board_mutant("MN4-CC-01", "MN4-CC-02")
+def a_contour_loses_its_last_segment(patch: MonkeyPatch) -> None:
+    """What comes right before ) is not made."""
+    _contours(patch, lambda segments, margin: (segments[:-1] or segments, margin))
+
+
+@board_mutant("MN4-CC-05", traps=(22,))
+def a_margin_stays(patch: MonkeyPatch) -> None:
+    """( without a margin has that of the ( before it."""
+    from axistwin.devices.mn400.commands import Interpreter
+
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        kept = getattr(one, "margin", 20)
+        one.margin = int(line.text) if line.text.isdigit() else kept  # type: ignore[attr-defined]
+        return go(line, (one.margin,))  # type: ignore[attr-defined]
+
+    around(patch, Interpreter, "_begin_contour", act)
+
+    def init(go: Any_, one: Interpreter, *given: Any) -> None:
+        go()
+        one._acts["("] = one._begin_contour
+
+    around(patch, Interpreter, "__init__", init)
+
+
+@board_mutant("MN4-CC-08")
+def axis_4_does_not_follow_a_contour(patch: MonkeyPatch) -> None:
+    """Segments move three axes."""
+
+    def change(segments: Any, margin: int) -> Any:
+        less = [
+            one._replace(displacement=(*one.displacement[:3], 0))
+            if any(one.displacement[:3])
+            else one
+            for one in segments
+        ]
+        return less, margin
+
+    _contours(patch, change)
+
+
+# --- backlash -------------------------------------------------------------------------------------
+
+
+def _memories(patch: MonkeyPatch, change: Any_) -> None:
+    """Let each straight move have `change(settings)`."""
+    plans(patch, "straight", lambda go, now, settings, *rest: go(now, change(settings), *rest))
+
+
+@board_mutant("MN4-BKL-01", "MN4-CMD-B-01")
+def backlash_is_not_taken_up(patch: MonkeyPatch) -> None:
+    """B is answered, and nothing comes of it."""
+    _memories(patch, lambda settings: replace(settings, lash=(0, 0, 0, 0)))
+
+
+@board_mutant("MN4-BKL-01", traps=(39,))
+def backlash_is_taken_up_by_each_first_move(patch: MonkeyPatch) -> None:
+    """The directions are remembered the other way round."""
+
+    def change(settings: MoveSettings) -> MoveSettings:
+        first, second, third, fourth = settings.lash_memory
+        return replace(settings, lash_memory=(-first, -second, -third, -fourth))
+
+    _memories(patch, change)
+
+
+# --- read-out -------------------------------------------------------------------------------------
+
+
+@board_mutant("MN4-CMD-N-01")
+def what_is_left_is_what_was_made(patch: MonkeyPatch) -> None:
+    """N counts up."""
+
+    def change(text: str, readout: Any, now: int) -> str:
+        motion = readout._mover.motion_at(now)
+        return text if motion is None else ",".join(map(str, motion.position_at(now)))
+
+    values(patch, "N", change)
+
+
+@board_mutant("MN4-MEA-06")
+def counters_are_told_when_a_move_is_over(patch: MonkeyPatch) -> None:
+    """E during a move tells where it began."""
+
+    def change(text: str, readout: Any, now: int) -> str:
+        mover = readout._mover
+        return ",".join(map(str, mover._base)) if mover.is_busy else text
+
+    values(patch, "E", change)
+
+
+@board_mutant("MN4-CMD-E-03", "MN4-MEA-02", traps=(29,))
+def a_count_is_that_of_the_major_axis(patch: MonkeyPatch) -> None:
+    """E1 counts without the multiplex."""
+
+    def act(go: Any_, mover: Mover, motion: Any, now: int) -> int:
+        return int(int(go()) // motion.settings.multiplex)
+
+    around(patch, Mover, "_counted", act)
+
+
+@board_mutant("MN4-CMD-EXIT-02")
+def the_exit_code_is_cleared_by_a_move(patch: MonkeyPatch) -> None:
+    """/ is 0 as soon as a move begins."""
+
+    def act(go: Any_, mover: Mover, now: int, order: Any) -> None:
+        mover.exit_code = 0
+        go()
+
+    around(patch, Mover, "_begin", act)
+
+
+# --- limits, shield, panel ------------------------------------------------------------------------
+
+
+@board_mutant("MN4-LIM-01")
+def limits_stop_nothing(patch: MonkeyPatch) -> None:
+    """They are shown by S, and that is all."""
+    around(patch, Inputs, "blocks", lambda go, inputs, axis, direction: False)
+    patch.setattr(Inputs, "limits_on", property(lambda inputs: iter(())))
+
+
+@board_mutant("MN4-CMD-EXIT-01", traps=(26,))
+def the_exit_code_is_a_number_of_an_axis(patch: MonkeyPatch) -> None:
+    """/ tells 1 to 4."""
+
+    def change(text: str, readout: Any, now: int) -> str:
+        code = int(text)
+        return str((code.bit_length() + 1) // 2)
+
+    values(patch, "/", change)
+
+
+@board_mutant("MN4-CMD-EXIT-04", traps=(26,))
+def an_exit_code_stays(patch: MonkeyPatch) -> None:
+    """A good move leaves the code of the one before."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        before = mover.exit_code
+        go()
+        mover.exit_code = mover.exit_code or before
+
+    around(patch, Mover, "_finish", act)
+
+
+@board_mutant("MN4-SHD-01", "MN4-CMD-FH-01")
+def the_shield_stops_nothing(patch: MonkeyPatch) -> None:
+    """It is shown by [ and : alone."""
+    around(patch, Mover, "shield_changed", lambda go, mover, now: None)
+
+
+@board_mutant("MN4-SHD-02")
+def feed_hold_is_no_pause(patch: MonkeyPatch) -> None:
+    """With ;1 an open shield ends the motion."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        kept, mover.has_feed_hold = mover.has_feed_hold, False
+        go()
+        mover.has_feed_hold = kept
+
+    around(patch, Mover, "shield_changed", act)
+
+
+@board_mutant("MN4-JOG-07")
+def the_panel_jogs_in_run_mode(patch: MonkeyPatch) -> None:
+    """Jog inputs are heard whatever J says."""
+
+    def act(go: Any_, jogger: Jogger, now: int, axis: int, direction: int) -> None:
+        kept, jogger.is_on = jogger.is_on, True
+        go()
+        jogger.is_on = kept
+
+    around(patch, Jogger, "press", act)
+
+
+@board_mutant("MN4-JOG-03", traps=(28,))
+def a_tap_drops_its_remainder(patch: MonkeyPatch) -> None:
+    """What is less than a step is not kept for the next tap."""
+    from axistwin.devices.mn400.motion import JogTaps
+
+    def act(go: Any_, taps: Any, *given: Any) -> Any:
+        steps, _ = go()
+        return steps, JogTaps()
+
+    around(patch, JogTaps, "tap", act)
+
+
+@board_mutant("MN4-THR-01", traps=(43,))
+def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
+    """T over 10 pulses ends with the 20th."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, way: Any, pulses: int, offset: int) -> Any:
+        return go(now, settings, way, 2 * pulses, offset)
+
+    plans(patch, "thread", act)
+
+
+@board_mutant("MN4-SYN-01")
+def a_negative_speed_is_a_speed(patch: MonkeyPatch) -> None:
+    """V-1 runs without pulses."""
+    patch.setattr(MotionOrder, "is_paced", property(lambda order: order.letter == "T"))
+
+    def act(go: Any_, now: int, settings: MoveSettings, *rest: Any) -> Any:
+        return go(now, replace(settings, speed=max(2, abs(settings.speed))), *rest)
+
+    plans(patch, "straight", act)
+
+
+@board_mutant("MN4-IO-01")
+def the_feedrate_pot_scales_by_its_half(patch: MonkeyPatch) -> None:
+    """At 50 % a motion has a quarter of its speed."""
+
+    def act(inputs: Inputs) -> int:
+        is_used = "feedrate_enable" in inputs._on
+        return inputs.feed_pot_permille**2 // 1000 if is_used else 1000
+
+    patch.setattr(Inputs, "feed_permille", property(act))

@@ -1,0 +1,262 @@
+"""Faults of states: hold, the queue, entries of contours, pause and quit (RSP, STM, CMD)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from axistwin.devices.mn400.commands import ContourEntry, Interpreter
+from axistwin.devices.mn400.mover import Mover
+from axistwin.devices.mn400.orders import MotionOrder
+from zoo_mn400.planting import (
+    Any_,
+    BoardState,
+    MonkeyPatch,
+    Treatment,
+    around,
+    board_mutant,
+    cells,
+    commands,
+    settles,
+)
+
+MOVING = (BoardState.MOV, BoardState.QUE)
+
+
+@board_mutant("MN4-RSP-06", traps=(2,))
+def moving_boards_are_busy(patch: MonkeyPatch) -> None:
+    """A second M during the first draws BUSY."""
+    cells(patch, "M", MOVING, Treatment.BUSY)
+
+
+@board_mutant("MN4-STM-02")
+def reads_are_busy_in_motion(patch: MonkeyPatch) -> None:
+    """S and / wait for the end of a move: BUSY."""
+    cells(patch, "S/", MOVING, Treatment.BUSY)
+
+
+@board_mutant("MN4-RSP-09", traps=(32,))
+def settings_are_served_while_a_move_is_pending(patch: MonkeyPatch) -> None:
+    """V with hold on and a move pending draws START and DONE."""
+    cells(patch, "VXIL", [BoardState.HPD], Treatment.NOW)
+
+
+@board_mutant("MN4-CMD-H-01")
+def hold_holds_nothing(patch: MonkeyPatch) -> None:
+    """With hold on a move runs."""
+    cells(patch, "MA+T", [BoardState.HLD], Treatment.NOW)
+
+
+@board_mutant("MN4-CMD-K-01")
+def what_is_held_is_dropped(patch: MonkeyPatch) -> None:
+    """A move under hold is answered and forgotten; K has nothing to run."""
+
+    def act(go: Any_, one: Interpreter, pending: Any) -> Any:
+        return go(lambda now: None)
+
+    around(patch, Interpreter, "_keep", act)
+
+
+@board_mutant("MN4-CMD-H-02")
+def h0_leaves_hold_on(patch: MonkeyPatch) -> None:
+    """Only a power cycle turns it off."""
+    commands(patch, "H", lambda go, one, line, given: go((1,)))
+
+
+@board_mutant("MN4-CMD-H-03")
+def hold_keeps_loads_back(patch: MonkeyPatch) -> None:
+    """With hold on L is answered and not done."""
+
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        return None if one.is_holding else go()
+
+    commands(patch, "L", act)
+
+
+@board_mutant("MN4-CMD-CC-03")
+def loads_are_done_in_a_contour(patch: MonkeyPatch) -> None:
+    """L between ( and ) is refused, and loads."""
+
+    def act(go: Any_, one: Interpreter, line: Any, known: Any) -> Any:
+        if known.letter == "L":
+            one._mover.load(line.now, (9, 9, 9, 9))
+        return go()
+
+    around(patch, Interpreter, "_unsupported", act)
+
+
+@board_mutant("MN4-CMD-CC-02", "MN4-CC-04", traps=(37,))
+def segments_run_at_once(patch: MonkeyPatch) -> None:
+    """M between ( and ) moves."""
+
+    def act(go: Any_, one: Interpreter, line: Any, letter: str, given: Any) -> None:
+        if letter == "M":
+            one._mover.take(line.now, MotionOrder("M", given, one._mover.accepted))
+        else:
+            go()
+
+    around(patch, Interpreter, "_buffer", act)
+
+
+@board_mutant("MN4-CMD-CC-04", traps=(23,))
+def quit_keeps_the_speed_of_a_contour(patch: MonkeyPatch) -> None:
+    """A V between ( and Q stays in force."""
+
+    def act(go: Any_, one: Interpreter, line: Any, letter: str, given: Any) -> None:
+        go()
+        if letter == "V":
+            mover = one._mover
+            mover.accepted = replace(mover.accepted, speed=given[0])
+            mover.settings = replace(mover.settings, speed=given[0])
+
+    around(patch, Interpreter, "_buffer", act)
+
+
+@board_mutant("MN4-CC-01", traps=(23,))
+def quit_leaves_segments_for_the_next_contour(patch: MonkeyPatch) -> None:
+    """What ( ... Q has stored runs with the next ( and )."""
+
+    def begin(go: Any_, one: Interpreter, line: Any, given: Any) -> None:
+        left = getattr(one, "left", [])
+        go()
+        assert one.contour is not None
+        one.contour.segments.extend(left)
+        one.left = []  # type: ignore[attr-defined]
+
+    def leave(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        if isinstance(one.contour, ContourEntry):
+            one.left = list(one.contour.segments)  # type: ignore[attr-defined]
+        return go()
+
+    commands(patch, "(", begin)
+    commands(patch, "Q", leave)
+
+
+@board_mutant("MN4-CMD-CC-07")
+def a_contour_puts_the_speed_back(patch: MonkeyPatch) -> None:
+    """The V of a contour is over with it."""
+
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        speed = one._mover.accepted.speed
+        found = go()
+        one._mover.accepted = replace(one._mover.accepted, speed=speed)
+        if not one._mover.is_busy:
+            one._mover.settings = replace(one._mover.settings, speed=speed)
+        else:
+            one._mover.queue.clear()
+        return found
+
+    commands(patch, ")", act)
+
+
+@board_mutant("MN4-STM-08")
+def two_moves_can_be_pending(patch: MonkeyPatch) -> None:
+    """A second move on hold replaces the first."""
+    cells(patch, "M", [BoardState.HPD], Treatment.PENDING)
+
+
+@board_mutant("MN4-STM-03")
+def the_queue_has_no_end(patch: MonkeyPatch) -> None:
+    """What is beyond its length is forgotten without a word."""
+
+    def act(go: Any_, mover: Mover) -> None:
+        if len(mover.queue) >= mover._quirks.queue_depth:
+            mover.queue.pop()
+
+    around(patch, Mover, "make_room", act)
+
+
+@board_mutant("MN4-STM-01")
+def queued_loads_are_lost(patch: MonkeyPatch) -> None:
+    """L during a move is answered, and forgotten with it."""
+
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        return None if one._mover.is_busy else go()
+
+    commands(patch, "L", act)
+
+
+@board_mutant("MN4-CMD-Q-01")
+def quit_ends_no_move(patch: MonkeyPatch) -> None:
+    """Q is answered, the move runs on."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        mover.queue.clear()
+
+    around(patch, Mover, "quit", act)
+
+
+@board_mutant("MN4-CMD-PAU-01")
+def a_pause_is_answered_only(patch: MonkeyPatch) -> None:
+    """{ pauses nothing."""
+
+    def act(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if reason != "command":
+            go()
+
+    around(patch, Mover, "pause", act)
+
+
+@board_mutant("MN4-CMD-PAU-02", traps=(41,))
+def a_resumed_move_begins_anew(patch: MonkeyPatch) -> None:
+    """} makes the whole distance once more."""
+
+    def act(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if mover.is_paused and reason == "command" and mover._motion is not None:
+            mover._base = mover.position_at(now)
+            mover._motion = None
+        go()
+
+    around(patch, Mover, "resume", act)
+
+
+@board_mutant("MN4-CMD-M-02")
+def there_is_one_coordinate_mode(patch: MonkeyPatch) -> None:
+    """I is answered and sets nothing."""
+    settles(patch, "I", lambda after, before: before)
+
+
+@board_mutant("MN4-CMD-SW-02")
+def a_pause_shows_on_no_flag(patch: MonkeyPatch) -> None:
+    """PauseFlag and PauseState are 0 while a move is paused."""
+    from zoo_mn400.planting import values
+
+    def change(text: str, readout: Any, now: int) -> str:
+        fields = text.split(",")
+        return ",".join([*fields[:2], "0", "0", fields[4]])
+
+    values(patch, ":", change)
+
+
+@board_mutant("MN4-JOG-01", "MN4-CMD-G-01")
+def jog_mode_is_not_entered(patch: MonkeyPatch) -> None:
+    """J1 is answered, and the panel stays dead."""
+    commands(patch, "J", lambda go, one, line, given: None)
+
+
+@board_mutant("MN4-PAU-02", "MN4-PAU-03", traps=(41,))
+def a_resumed_move_makes_a_step_more(patch: MonkeyPatch) -> None:
+    """} loses count of a step of axis 1."""
+
+    def act(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if mover.is_paused and mover._motion is not None:
+            first, *rest = mover._base
+            mover._base = (first + 1, *rest)  # type: ignore[assignment]
+        go()
+
+    around(patch, Mover, "resume", act)
+
+
+@board_mutant("MN4-CMD-Q-01", "MN4-QUIT-01")
+def quit_counts_the_whole_move(patch: MonkeyPatch) -> None:
+    """Behind Q the counters are where the move would have led."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        left = mover.left_at(now) if mover.is_busy else (0, 0, 0, 0)
+        go()
+        first, second, third, fourth = (
+            base + rest for base, rest in zip(mover._base, left, strict=True)
+        )
+        mover._base = first, second, third, fourth
+
+    around(patch, Mover, "quit", act)

@@ -1,0 +1,284 @@
+"""What the control API answers: the devices of a rack, and their controls, as FastAPI's routes.
+
+Everything comes from the tables of controls (``devices/controls.py``): no family is named here.
+What is done to a device is done in the rack's loop, at a time of its line that the answer tells.
+"""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Annotated, Any, Final, TypeVar
+
+from fastapi import APIRouter, Body, Path, Query, WebSocket
+from starlette.responses import JSONResponse, Response
+
+from axistwin.control import metrics
+from axistwin.control.guard import RefusedError, problem
+from axistwin.control.models import (
+    ControlDone,
+    ControlInfo,
+    ControlList,
+    ControlOrder,
+    ControlReading,
+    DeviceInfo,
+    DeviceList,
+    EndpointInfo,
+    LineInfo,
+    LineList,
+    Numbers,
+    PowerDone,
+    PowerOrder,
+    Problem,
+    StateInfo,
+)
+from axistwin.control.watching import WATCHERS_MAX, Watching
+from axistwin.errors import UnknownNameError, UsageError
+from axistwin.kernel.time import NS_PER_S
+from axistwin.runtime.control_access import BoundControl
+from axistwin.runtime.serving.live import Live
+from axistwin.runtime.serving.rack import Rack, RackDevice
+
+ANSWER_S: Final = 10.0
+"""How long the loop may take; it is busy for much less."""
+
+ResultT = TypeVar("ResultT")
+
+DeviceName = Annotated[str, Path(description="its name, MODEL:ADDRESS, or its model alone")]
+ControlName = Annotated[str, Path(description="such as inputs.reference, or flags.200")]
+
+
+class NotAllowedError(UsageError):
+    """A value that ``control`` does not take."""
+
+    def __init__(self, message: str, control: BoundControl) -> None:
+        super().__init__(message)
+        self.control = control
+
+
+class Api:
+    """The routes for ``rack``."""
+
+    def __init__(self, rack: Rack, live: Live, counts: metrics.Counts) -> None:
+        self._rack, self._live, self._counts = rack, live, counts
+
+    def router(self) -> APIRouter:
+        """All of them."""
+        problems: dict[int | str, dict[str, Any]] = {
+            status: {"model": Problem, "description": description}
+            for status, description in (
+                (401, "The token is missing, or wrong."),
+                (403, "Host or Origin is not this server's."),
+                (404, "No device or control is called so; the message has the nearest name."),
+                (422, "The value is not allowed; the message says what is."),
+                (503, "The line has failed."),
+            )
+        }
+        router = APIRouter(prefix="/api/v1", responses=problems)
+        device, control = "/devices/{device}", "/devices/{device}/controls/{control}"
+        get, put, post = router.get, router.put, router.post
+        get("/lines", summary="All lines and buses")(self.lines)
+        get("/devices", summary="All devices")(self.devices)
+        get(device, summary="One device")(self.device)
+        get(f"{device}/state", summary="All that can be seen of it, at one instant")(self.state)
+        get(f"{device}/controls", summary="Its controls, with what they take")(self.controls)
+        get(control, summary="One control, as it is now")(self.read)
+        put(control, summary="Set a control, or work an action")(self.work)
+        post(f"{device}/power", summary="Switch its supply")(self.power)
+        router.add_api_websocket_route("/events", self.events)
+        return router
+
+    # -- what there is --
+
+    async def lines(self) -> LineList:
+        """Where each is found, and whether it is still served."""
+        return LineList(lines=[self._line(name) for name in self._rack.lines])
+
+    def _line(self, name: str) -> LineInfo:
+        server = self._rack.lines[name]
+        return LineInfo(
+            name=name,
+            devices=[each.name for each in self._rack.devices.values() if each.line == name],
+            endpoints=[EndpointInfo(kind=port.kind, url=port.url) for port in server.ports],
+            failure=None if server.failure is None else str(server.failure),
+        )
+
+    async def devices(self) -> DeviceList:
+        """Those of lines that are served."""
+        return DeviceList(devices=await self._wait(self._rack.do_all(_device_info)))
+
+    async def device(self, device: DeviceName) -> DeviceInfo:
+        """As it is now."""
+        return await self._do(device, _device_info)
+
+    async def state(self, device: DeviceName) -> StateInfo:
+        """Of controls with numbers, those of a few."""
+
+        def read(found: RackDevice) -> StateInfo:
+            time_ns, values = found.twin.controls.read_all()
+            return StateInfo(device=found.name, time_ns=time_ns, values=values)
+
+        return await self._do(device, read)
+
+    async def controls(self, device: DeviceName) -> ControlList:
+        """Names, kinds, limits and values."""
+
+        def read(found: RackDevice) -> ControlList:
+            time_ns, values = found.twin.controls.read_all()
+            controls = [
+                _control_info(each, values.get(name))
+                for name, each in found.twin.controls.items()
+                if each.kind != "program"
+            ]
+            return ControlList(device=found.name, time_ns=time_ns, controls=controls)
+
+        return await self._do(device, read)
+
+    # -- one control --
+
+    async def read(self, device: DeviceName, control: ControlName) -> ControlReading:
+        """NAME.NUMBER of a control with numbers; by the names of the device's program, too."""
+
+        def read(found: RackDevice) -> ControlReading:
+            bound = _find(found, control)
+            with found.server.simulation.present() as time_ns:
+                has_value = bound.is_readable and not bound.has_numbers
+                info = _control_info(bound, bound.value if has_value else None)
+                return ControlReading(**info.model_dump(), device=found.name, time_ns=time_ns)
+
+        return await self._do(device, read)
+
+    async def work(
+        self, device: DeviceName, control: ControlName, order: Annotated[ControlOrder, Body()]
+    ) -> ControlDone:
+        """At the time of the line that the answer has."""
+
+        def work(found: RackDevice) -> ControlDone:
+            bound = _find(found, control)
+            try:
+                time_ns = bound.set(order.value)
+            except UnknownNameError:
+                raise
+            except UsageError as error:
+                raise NotAllowedError(str(error), bound) from None
+            self._live.touch(found)
+            value = bound.value if bound.is_readable else None
+            return ControlDone(device=found.name, control=bound.name, time_ns=time_ns, value=value)
+
+        return await self._do(device, work)
+
+    # -- the supply --
+
+    async def power(self, device: DeviceName, order: Annotated[PowerOrder, Body()]) -> PowerDone:
+        """Off, on, or both; answered when it is done."""
+        off_ns = on_ns = None
+        if order.action != "on":
+            name, off_ns, delay_s = await self._do(
+                device, lambda found: self._cut(found, order.off_s)
+            )
+        if order.action == "cycle":
+            await asyncio.sleep(delay_s)
+        if order.action != "off":
+            name, on_ns = await self._do(device, self._apply)
+        return PowerDone(
+            device=name, power=order.action != "off", off_time_ns=off_ns, on_time_ns=on_ns
+        )
+
+    def _cut(self, found: RackDevice, off_s: float) -> tuple[str, int, float]:
+        """Name, when the supply was cut, and seconds until ``off_s`` of its line have passed."""
+        time_ns = found.twin.controls["power"].set(False)
+        self._live.touch(found)
+        clock = found.server.simulation.clock
+        return found.name, time_ns, clock.delay_s(time_ns + round(off_s * NS_PER_S))
+
+    def _apply(self, found: RackDevice) -> tuple[str, int]:
+        self._live.touch(found)
+        return found.name, found.twin.controls["power"].set(True)
+
+    # -- looking on --
+
+    async def events(
+        self, client: WebSocket, device: Annotated[list[str] | None, Query()] = None
+    ) -> None:
+        """What happens to the devices (``?device=NAME``, repeatable; all without)."""
+        try:
+            names = [await self._do(each, lambda found: found.name) for each in device or ()]
+        except UsageError as error:
+            await client.send_denial_response(JSONResponse(problem(404, str(error)), 404))
+            return
+        if self._counts.watchers >= WATCHERS_MAX:
+            text = f"{WATCHERS_MAX} clients watch already; come again"
+            await client.send_denial_response(JSONResponse(problem(503, text), 503))
+            return
+        self._counts.watchers += 1
+        try:
+            await client.accept()
+            devices = names or list(self._rack.devices)
+            await Watching(self._rack, self._live, self._counts, client, devices).run()
+        finally:
+            self._counts.watchers -= 1
+
+    async def metrics(self) -> Response:
+        """For Prometheus."""
+        values = await self._wait(
+            self._rack.do_all(
+                lambda found: (found.name, found.twin.controls.read_all(is_live=True))
+            )
+        )
+        failures = {name: each.failure is not None for name, each in self._rack.lines.items()}
+        text = metrics.render(dict(values), failures, self._counts)
+        return Response(text, media_type=metrics.CONTENT_TYPE)
+
+    # -- in the rack's loop --
+
+    async def _do(self, device: str, action: Callable[[RackDevice], ResultT]) -> ResultT:
+        return await self._wait(self._rack.do(device, action))
+
+    async def _wait(self, future: Future[ResultT]) -> ResultT:
+        try:
+            return await asyncio.wait_for(asyncio.wrap_future(future), ANSWER_S)
+        except TimeoutError:
+            raise RefusedError(503, "the devices are busy; try again") from None
+
+
+def _device_info(found: RackDevice) -> DeviceInfo:
+    twin = found.twin
+    return DeviceInfo(
+        name=found.name,
+        model=twin.model,
+        address=twin.address,
+        line=found.line,
+        power=twin.is_powered,
+        state=twin.controls["state"].value,
+    )
+
+
+def _find(found: RackDevice, name: str) -> BoundControl:
+    """The control called ``name``; none that takes a program, which the network does not give."""
+    try:
+        bound = found.twin.controls[name]
+    except UsageError as error:  # also a name that the device's program has not
+        raise UnknownNameError(str(error)) from None
+    if bound.kind == "program":
+        raise UnknownNameError(f"{name} takes a program, and none is taken from the network")
+    return bound
+
+
+def _numbers(bound: BoundControl) -> Numbers | None:
+    keys = bound.keys
+    return Numbers(first=keys[0], last=keys[-1]) if isinstance(keys, range) else None
+
+
+def _control_info(bound: BoundControl, value: Any) -> ControlInfo:
+    return ControlInfo(
+        name=bound.name,
+        kind=bound.kind,
+        doc=bound.doc,
+        unit=bound.unit,
+        low=bound.low,
+        high=bound.high,
+        choices=list(bound.choices),
+        numbers=_numbers(bound),
+        readable=bound.is_readable,
+        writable=bound.is_writable,
+        value=value,
+    )

@@ -1,0 +1,91 @@
+"""The other end of the control API, for the command line: plain HTTP, one line for each mistake.
+
+Needs nothing that is not in every installation, but for ``watch``.
+"""
+
+import http.client
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+from urllib.parse import quote, urlencode
+
+from axistwin.errors import PortError, UsageError
+from axistwin.ports.tcp import parse_address
+
+TIMEOUT_S: Final = 30.0
+
+
+class ControlClient:
+    """Asks the daemon at ``address``: HOST:PORT, or its URL.  Raises UsageError for a bad one.
+
+    token: what it wants of who is not on its machine.
+    """
+
+    def __init__(self, address: str, token: str | None = None) -> None:
+        self.address = address.removeprefix("http://").rstrip("/")
+        self._host, self._port = parse_address(self.address)
+        self._headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+
+    def get(self, *path: str) -> Any:
+        """What there is at ``path``, below /api/v1.  Raises UsageError and PortError."""
+        return self._ask("GET", path)
+
+    def put(self, *path: str, **body: object) -> Any:
+        """Set what is there.  Raises UsageError and PortError."""
+        return self._ask("PUT", path, body)
+
+    def post(self, *path: str, **body: object) -> Any:
+        """Have something done.  Raises UsageError and PortError."""
+        return self._ask("POST", path, body)
+
+    def _ask(self, method: str, path: Sequence[str], body: dict[str, object] | None = None) -> Any:
+        headers = dict(self._headers)
+        if body is not None:
+            headers["Content-Type"] = "application/json"
+        connection = http.client.HTTPConnection(self._host, self._port, timeout=TIMEOUT_S)
+        try:
+            url = "/".join(("/api/v1", *(quote(each, safe="") for each in path)))
+            connection.request(method, url, json.dumps(body) if body is not None else None, headers)
+            response = connection.getresponse()
+            answer = json.loads(response.read())
+        except (OSError, http.client.HTTPException) as error:
+            raise self._nobody(error) from None
+        except ValueError:
+            raise PortError(f"control {self.address}: that is no axistwin's control API") from None
+        finally:
+            connection.close()
+        if response.status >= 400:
+            raise UsageError(str(answer["message"]))
+        return answer
+
+    def watch(self, device: str) -> Iterator[dict[str, Any]]:
+        """What happens to ``device``, from now on: the events, a snapshot first.
+
+        Raises UsageError, and PortError when the daemon ends.
+        """
+        from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
+        from websockets.sync.client import connect
+
+        query = urlencode({"device": device})
+        url = f"ws://{self.address}/api/v1/events?{query}"
+        try:
+            with connect(
+                url, additional_headers=self._headers, open_timeout=TIMEOUT_S, proxy=None
+            ) as socket:
+                for text in socket:
+                    yield json.loads(text)
+        except InvalidStatus as error:
+            answer = json.loads(error.response.body or b"{}")
+            raise UsageError(str(answer.get("message", error))) from None
+        except ConnectionClosed as error:
+            raise PortError(f"control {self.address}: it has ended ({error})") from None
+        except (OSError, InvalidHandshake) as error:
+            raise self._nobody(error) from None
+        raise PortError(f"control {self.address}: it has ended")
+
+    def _nobody(self, error: Exception) -> PortError:
+        reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower()
+        return PortError(
+            f"control {self.address}: no daemon answers there ({reason}); start one with "
+            f"'axistwin run ... --control {self.address}', or name another --control"
+        )

@@ -1,0 +1,80 @@
+"""What a rack shows to Prometheus: its lines, its devices, and every control that has a number."""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
+
+CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
+
+_METHODS: Final = ("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH")
+
+Values = dict[str, tuple[int, dict[str, Any]]]
+"""Of each device its line's time, and its values by name."""
+
+
+class Counts:
+    """How the API is used."""
+
+    def __init__(self) -> None:
+        self.requests: dict[tuple[str, str], int] = {}
+        self.watchers = 0
+        self.dropped = 0
+
+    def count(self, method: str, status: int) -> None:
+        """One more request."""
+        key = method if method in _METHODS else "other", str(status)
+        self.requests[key] = self.requests.get(key, 0) + 1
+
+
+class _RackCollector(Collector):
+    def __init__(self, values: Values, failures: dict[str, bool], counts: Counts) -> None:
+        self._values, self._failures, self._counts = values, failures, counts
+
+    def collect(self) -> Iterator[Metric]:
+        """Everything as it is now."""
+        served = GaugeMetricFamily("axistwin_line_up", "1 while a line is served", labels=["line"])
+        for line, is_failed in self._failures.items():
+            served.add_metric([line], 0.0 if is_failed else 1.0)
+        yield served
+        times = GaugeMetricFamily(
+            "axistwin_device_time_seconds", "time of a device's line", labels=["device"]
+        )
+        shown = GaugeMetricFamily(
+            "axistwin_control_value", "value of a control", labels=["device", "control"]
+        )
+        for device, (time_ns, values) in self._values.items():
+            times.add_metric([device], time_ns / 1e9)
+            for name, value in values.items():
+                if isinstance(value, bool | int | float):
+                    shown.add_metric([device, name], float(value))
+        yield times
+        yield shown
+        yield from self._collect_use()
+
+    def _collect_use(self) -> Iterator[Metric]:
+        requests = CounterMetricFamily(
+            "axistwin_api_requests", "requests answered", labels=["method", "status"]
+        )
+        for (method, status), number in self._counts.requests.items():
+            requests.add_metric([method, status], number)
+        yield requests
+        yield GaugeMetricFamily(
+            "axistwin_api_watchers", "clients that watch", value=self._counts.watchers
+        )
+        yield CounterMetricFamily(
+            "axistwin_api_watchers_dropped",
+            "clients that watched and read too slowly",
+            value=self._counts.dropped,
+        )
+
+
+def render(values: Values, failures: dict[str, bool], counts: Counts) -> bytes:
+    """The page that Prometheus reads."""
+    registry = CollectorRegistry()
+    ProcessCollector(registry=registry)
+    registry.register(_RackCollector(values, failures, counts))
+    return bytes(generate_latest(registry))

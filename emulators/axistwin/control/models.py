@@ -1,0 +1,170 @@
+"""What goes over the control API, as pydantic models: their descriptions are the schema's."""
+
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from axistwin.devices.controls import Kind
+
+OFF_MAX_S = 20.0
+
+Value: TypeAlias = bool | int | float | str | None
+"""What a control is set to."""
+
+Nanoseconds = Annotated[int, Field(description="time of the device's line, in nanoseconds")]
+DeviceName = Annotated[str, Field(description="name of the device, such as mac23:0")]
+
+
+class Described(BaseModel):
+    """Base of all: nothing that is not named here."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class EndpointInfo(Described):
+    """Where programs find a line."""
+
+    kind: str = Field(description="pty, tcp, slcan, ...")
+    url: str = Field(description="what a program opens")
+
+
+class LineInfo(Described):
+    """A line, or a bus."""
+
+    name: str = Field(description="name of the line: that of its first device")
+    devices: list[str] = Field(description="names of the devices on it")
+    endpoints: list[EndpointInfo] = Field(description="where programs find it")
+    failure: str | None = Field(description="why it is not served any more; null while it is")
+
+
+class LineList(Described):
+    """All lines."""
+
+    lines: list[LineInfo]
+
+
+class DeviceInfo(Described):
+    """A device."""
+
+    name: DeviceName
+    model: str = Field(description="such as mac23; 'axistwin models' lists them")
+    address: int = Field(description="the address at which it answers now")
+    line: str = Field(description="name of its line")
+    power: bool = Field(description="whether its supply is applied")
+    state: str = Field(description="what it is doing now, in words")
+
+
+class DeviceList(Described):
+    """All devices that are served."""
+
+    devices: list[DeviceInfo]
+
+
+class Numbers(Described):
+    """Numbers that are keys: NAME.NUMBER is a control too."""
+
+    first: int
+    last: int
+
+
+class ControlInfo(Described):
+    """One thing that can be worked or seen of a device."""
+
+    name: str = Field(description="such as inputs.reference")
+    kind: Kind = Field(description="what a value is; an action of kind nothing takes null")
+    doc: str = Field(description="what it is, in words")
+    unit: str = Field(description="unit of a number; may be empty")
+    low: float | None = Field(description="least number")
+    high: float | None = Field(description="largest number")
+    choices: list[str] = Field(description="allowed values of a choice")
+    numbers: Numbers | None = Field(description="keys, of a control that stands for many values")
+    readable: bool = Field(description="whether it has a value")
+    writable: bool = Field(description="whether it can be set")
+    value: Any = Field(description="as it is now; null if it cannot be read, or has numbers")
+
+
+class ControlList(Described):
+    """The controls of a device, at one instant."""
+
+    device: DeviceName
+    time_ns: Nanoseconds
+    controls: list[ControlInfo]
+
+
+class ControlReading(ControlInfo):
+    """One control, with the time at which it was read."""
+
+    device: DeviceName
+    time_ns: Nanoseconds
+
+
+class ControlOrder(Described):
+    """What a control is set to."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+    value: Value = Field(None, description="the value; null for an action that takes nothing")
+
+
+class ControlDone(Described):
+    """A control was set, at a definite time of its line."""
+
+    device: DeviceName
+    control: str
+    time_ns: Nanoseconds
+    value: Any = Field(description="as it is then; null if it cannot be read")
+
+
+class PowerOrder(Described):
+    """What to do to the supply."""
+
+    action: Literal["on", "off", "cycle"] = Field(description="cycle: off, and on again")
+    off_s: float = Field(
+        0.0, ge=0.0, le=OFF_MAX_S, description="how long a cycle takes, in seconds of the line"
+    )
+
+
+class PowerDone(Described):
+    """The supply was switched."""
+
+    device: DeviceName
+    power: bool = Field(description="whether it is applied now")
+    off_time_ns: int | None = Field(description="when it was cut, of the line; null: it was not")
+    on_time_ns: int | None = Field(description="when it was applied, of the line; null: it was not")
+
+
+class StateInfo(Described):
+    """All that can be seen of a device, at one instant."""
+
+    device: DeviceName
+    time_ns: Nanoseconds
+    values: dict[str, Any] = Field(description="values by the names of controls")
+
+
+class Allowed(Described):
+    """What a control takes."""
+
+    kind: str
+    unit: str
+    low: float | None
+    high: float | None
+    choices: list[str]
+
+
+class Problem(Described):
+    """What went wrong, for programs and for people; of every error."""
+
+    error: Literal[
+        "bad_request",
+        "unauthorized",
+        "forbidden",
+        "not_found",
+        "method_not_allowed",
+        "timeout",
+        "too_large",
+        "not_allowed",
+        "unavailable",
+        "bug",
+    ] = Field(description="what kind of problem")
+    message: str = Field(description="one line, with the remedy")
+    allowed: Allowed | None = Field(None, description="what the control takes, of a wrong value")

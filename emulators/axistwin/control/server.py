@@ -1,0 +1,46 @@
+"""The control server of a rack: where it may listen, and its life."""
+
+from axistwin.control.application import make_application
+from axistwin.control.listener import HttpListener
+from axistwin.control.metrics import Counts
+from axistwin.control.token import TOKEN_VARIABLE
+from axistwin.errors import UsageError
+from axistwin.ports.tcp import is_loopback
+from axistwin.runtime.serving.live import Live
+from axistwin.runtime.serving.rack import Rack
+
+
+class ControlServer:
+    """Serves the control API of ``rack`` at ``address`` (HOST:PORT), to who has ``token``.
+
+    Raises UsageError for an address of which others than this machine are asked for no token.
+    """
+
+    def __init__(self, rack: Rack, address: str, token: str | None) -> None:
+        self._listener = HttpListener(address)
+        host = self._listener.host
+        if token is None and not is_loopback(host):
+            raise UsageError(
+                f"control {address}: whoever reaches this address could drive the twins; give a "
+                f"token by --control-token-file or {TOKEN_VARIABLE}, or listen at 127.0.0.1"
+            )
+        self.live = Live(rack)
+        self.counts = Counts()
+        self._application = make_application(rack, self.live, self.counts, host, token)
+
+    @property
+    def url(self) -> str:
+        """Where it is found; the real port once it is open."""
+        return self._listener.url
+
+    def open(self) -> None:
+        """Claim the address.  Raises PortError."""
+        self._listener.open()
+
+    def serve(self) -> None:
+        """Answer from now on, in a thread of its own; while the rack runs."""
+        self._listener.serve(self._application)
+
+    def close(self) -> None:
+        """Answer nobody any more."""
+        self._listener.close()

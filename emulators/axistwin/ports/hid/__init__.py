@@ -1,0 +1,1 @@
+"""USB HID: devices that the kernel makes of a program's words."""

@@ -1,0 +1,242 @@
+"""Lines and buses of one process, and the devices on them by name: served by one loop.
+
+Rules
+-----
+1. A line (or bus) that fails ends alone: its ports are closed, it reports ``line_failed``, and the
+   others go on.  When none is left, ``run`` raises why the last one has ended.
+2. Names are unique: a device that is called as an earlier one, on a line where two collide or on
+   another one, gets a number behind its name: ``mac23:0~2``.
+3. ``do`` has something done to a device in the loop's thread, where programs are watched and
+   nothing else happens meanwhile; whoever asks, in another thread, gets a future.
+"""
+
+import contextlib
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, TypeAlias, TypeVar
+
+from axistwin.errors import StateError, UnknownNameError, UsageError, nearest
+from axistwin.runtime.any_twin import AnyTwin
+from axistwin.runtime.serving.base_server import BaseServer
+from axistwin.runtime.serving.loop import Loop
+
+START_TIMEOUT_S = 10.0
+STOP_TIMEOUT_S = 10.0
+
+AnyServer: TypeAlias = BaseServer[Any, Any]
+ServerT = TypeVar("ServerT", bound=AnyServer)
+ResultT = TypeVar("ResultT")
+
+
+@dataclass(frozen=True, slots=True)
+class RackDevice:
+    """A device of a rack: its ``name`` there, its ``line``'s, and its handle."""
+
+    name: str
+    line: str
+    twin: AnyTwin
+    server: AnyServer
+
+
+class Rack:
+    """See above.
+
+    ``add`` servers made for its ``loop``; ``open``, and then ``run`` to serve in this thread, or
+    ``start`` and ``stop`` for a thread of its own.  Either closes everything at its end.
+    """
+
+    def __init__(self) -> None:
+        self.loop = Loop()
+        self.lines: dict[str, AnyServer] = {}
+        self.devices: dict[str, RackDevice] = {}
+        self._subscribers: list[Callable[[str, Mapping[str, object]], None]] = []
+        self._failure: BaseException | None = None
+        self._thread: threading.Thread | None = None
+        self._is_closed = False
+
+    def add(self, server: ServerT) -> ServerT:
+        """Take ``server``, which is made for this rack's loop, and its devices; it is returned.
+
+        The line is called as the first device on it.
+        """
+        line = ""
+        for twin in server.simulation.twins:
+            name = _unique(twin.name, self.devices)
+            line = line or name
+            self.devices[name] = RackDevice(name, line, twin, server)
+        self.lines[line] = server
+        own_report = server.report
+
+        def report(event: Mapping[str, object]) -> None:
+            own_report(event)
+            for subscriber in self._subscribers:
+                subscriber(line, event)
+
+        server.report = report
+        server.on_failure = lambda error: self._line_failed(line, error)
+        return server
+
+    def subscribe(self, subscriber: Callable[[str, Mapping[str, object]], None]) -> None:
+        """Tell ``subscriber`` what any server reports, with its line; in the loop's thread."""
+        self._subscribers.append(subscriber)
+
+    def find(self, wanted: str) -> RackDevice:
+        """The device that ``wanted`` names: by its name, by its model and the address that it has
+        now, or by its model alone if there is only one.  Raises UnknownNameError.
+        """
+        found = self.devices.get(wanted)
+        if found is not None:
+            return found
+        model, colon, _ = wanted.partition(":")
+        alike = [each for each in self.served if each.twin.model == model]
+        if colon:
+            alike = [each for each in alike if f"{model}:{each.twin.address}" == wanted]
+        if len(alike) == 1:
+            return alike[0]
+        remedy = nearest(wanted, self.devices)
+        if alike:
+            remedy = f"it is one of {', '.join(each.name for each in alike)}"
+        raise UnknownNameError(f"no device {wanted!r}: {remedy}")
+
+    @property
+    def served(self) -> list[RackDevice]:
+        """The devices of lines that have not failed."""
+        return [each for each in self.devices.values() if each.server.failure is None]
+
+    def do(self, wanted: str, action: Callable[[RackDevice], ResultT]) -> "Future[ResultT]":
+        """Have ``action`` done to the device that ``wanted`` names, soon, by the loop.
+
+        From any thread.  The future has its result, or its UsageError; any other error is the
+        line's too, and ends it.  A line that has failed does nothing: StateError.
+        """
+        return self._soon(lambda: self._done(self.find(wanted), action))
+
+    def do_all(self, action: Callable[[RackDevice], ResultT]) -> "Future[list[ResultT]]":
+        """As ``do``, to each device that is served; those of a line that fails are left out."""
+
+        def each() -> list[ResultT]:
+            results = []
+            for device in self.served:
+                with contextlib.suppress(StateError):
+                    results.append(self._done(device, action))
+            return results
+
+        return self._soon(each)
+
+    def _soon(self, call: Callable[[], ResultT]) -> "Future[ResultT]":
+        future: Future[ResultT] = Future()
+
+        def answer() -> None:
+            if not future.set_running_or_notify_cancel():
+                return
+            try:
+                future.set_result(call())
+            except Exception as error:  # of whoever asks
+                future.set_exception(error)
+
+        self.loop.call_soon(answer)
+        return future
+
+    def _done(self, device: RackDevice, action: Callable[[RackDevice], ResultT]) -> ResultT:
+        if device.server.failure is None:
+            try:
+                return action(device)
+            except UsageError:
+                raise
+            except Exception as error:
+                device.server.fail(error)
+        raise StateError(f"{device.line} is not served any more: {device.server.failure}")
+
+    # -- life ---------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Claim all ports, or none.  Raises PortError."""
+        try:
+            for server in self.lines.values():
+                server.open()
+        except BaseException:
+            self.close()
+            raise
+
+    def run(self, *, on_ready: Callable[[], None] = lambda: None) -> None:
+        """Serve until ``request_stop``, a signal, or the failure of the last line.
+
+        on_ready: called once clients are served.  Closes everything; raises that failure.
+        """
+        try:
+            for server in self.lines.values():
+                server.begin()
+            if self._failure is None:
+                on_ready()
+                self.loop.run()
+        finally:
+            self.close()
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
+
+    def start(self) -> None:
+        """Open, then serve in a thread of its own.  Raises PortError."""
+        self.open()
+        ready = threading.Event()
+        self._thread = threading.Thread(
+            target=self._run_quietly, args=(ready,), name="axistwin", daemon=True
+        )
+        self._thread.start()
+        assert ready.wait(START_TIMEOUT_S), "the rack's thread did not start"
+
+    def stop(self) -> None:
+        """Stop the thread and close everything.  Raises what made the last line fail, if it did."""
+        if self._thread is None:
+            self.close()
+            return
+        self.request_stop()
+        self._thread.join(STOP_TIMEOUT_S)
+        assert not self._thread.is_alive(), "the rack's thread did not stop"
+        self._thread = None
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
+
+    def request_stop(self) -> None:
+        """Make ``run`` return soon; from any thread."""
+        self.loop.stop()
+
+    def close(self) -> None:
+        """Close the lines and the loop.  Only when it does not run."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        for server in self.lines.values():
+            server.close()
+        self.loop.close()
+
+    def _run_quietly(self, ready: threading.Event) -> None:
+        """``run`` for the thread; the failure is kept for ``stop``."""
+        try:
+            self.run(on_ready=ready.set)
+        except BaseException as error:  # told to whoever stops the rack
+            self._failure = error
+        finally:
+            ready.set()
+
+    def _line_failed(self, line: str, error: Exception) -> None:
+        devices = [each.name for each in self.devices.values() if each.line == line]
+        if all(server.failure is not None for server in self.lines.values()):
+            self._failure = error
+            self.loop.stop()
+            return
+        self.lines[line].report(
+            {"event": "line_failed", "line": line, "devices": devices, "error": str(error)}
+        )
+
+
+def _unique(name: str, taken: Mapping[str, object]) -> str:
+    """``name``, with a number behind it if it is taken."""
+    number, unique = 1, name
+    while unique in taken:
+        number += 1
+        unique = f"{name}~{number}"
+    return unique
