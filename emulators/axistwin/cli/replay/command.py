@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from axistwin import catalog
-from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS
 
 if TYPE_CHECKING:
@@ -136,10 +135,12 @@ def _infer(
 
     proposal = inferred(setup, exchanges, found, window_ns)
     if found and not proposal.added:
-        raise UsageError(
-            f"{capture}: no quirk of {setup.model.name} explains any of {len(found)} differences "
-            "alone; leave --infer out to see them"
+        click.echo(
+            f"axistwin: {capture}: no quirk of {setup.model.name} explains any of {len(found)} "
+            "differences alone; leave --infer out to see them",
+            err=True,
         )
+        return EXIT_DIFFERENT
     explained = len(found) - proposal.left
     click.echo(f"# {capture}: explains {explained} of {len(found)} exchanges that differ")
     for name, value in proposal.ties:
