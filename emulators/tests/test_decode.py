@@ -337,3 +337,25 @@ def test_a_live_bus_is_told_as_it_speaks() -> None:
             assert process.stdout.readline() == "080#  SYNC: synchronise -> all modules\n"
         process.stdin.close()
         assert process.wait(10) == 0
+
+
+def test_pieces_that_a_tap_passed_on_are_explained_together() -> None:
+    """If they went the same way without a pause."""
+    rows = (
+        "# ./mac23 38400 8N1",
+        "1000.000000 > 02 30 31 34 30 30 32 30 30 30",
+        "1002.500000 > 30 30 30 30 30 30 30 30 41 32 03",
+        "1004.000000 < 06",
+        "1005.000000 < 13 1A",
+        "1056.000000 < 15",
+    )
+    result = invoke("mac23", text="\n".join(rows) + "\n")
+    assert result.exit_code == 0
+    remark, request, *replies = result.stdout.splitlines()
+    assert remark == rows[0]
+    assert request.startswith("1000.000000 > 02 30")
+    assert request.endswith("41 32 03  20h position? -> module 0")
+    assert replies == ["1004.000000 < 06 13 1A  accepted", "1056.000000 < 15  Nack"]
+    result = invoke("mac23", text="\n".join([*rows, "hello"]) + "\n")
+    assert result.exit_code == 2
+    assert "line 7: 'hello'" in result.stderr

@@ -151,6 +151,18 @@ def test_what_else_can_be_drawn_is_drawn(
     assert result.exit_code == 0, result.output
 
 
+def test_the_recordings_of_the_page_are_replayed_as_it_says(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each command with its whole output."""
+    monkeypatch.chdir(ROOT)
+    page = (ROOT / "docs" / "how-to" / "record-and-replay.md").read_text("utf-8")
+    found = re.findall(r"^\$ axistwin (replay .*)\n((?:(?!\$ |```).*\n)+)", page, re.MULTILINE)
+    assert len(found) == 3
+    for typed, printed in found:
+        assert invoke(*shlex.split(typed)).stdout == printed
+
+
 def test_no_block_of_python_is_left_out() -> None:
     """A new one in any page has to be run by a test too."""
     pages = [README, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

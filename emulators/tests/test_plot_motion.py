@@ -8,7 +8,10 @@ import pytest
 from axistwin import catalog
 from axistwin.cli.plot import sources
 from axistwin.cli.plot.track import MARGIN, MotionTrack, chosen_axes, chosen_planes
-from axistwin.cli.plot.twin_motion import SAMPLES, HostMessage, PlayedMotion, TwinSetup, moved_twin
+from axistwin.cli.plot.twin_motion import SAMPLES, HostMessage, PlayedMotion, moved_twin
+from axistwin.cli.replay.capture import read_capture
+from axistwin.cli.replay.comparison import differences
+from axistwin.cli.replay.host_port import TwinSetup
 from axistwin.devices.family import Model
 from axistwin.devices.mn400.link.packets import packet
 from axistwin.errors import UsageError
@@ -168,13 +171,14 @@ def test_a_recording_is_said_again_at_its_times(tmp_path: Path) -> None:
         ),
         "utf-8",
     )
-    messages = sources.from_capture(STEPS, str(path))
+    exchanges = read_capture("serial", str(path))
+    messages = sources.from_exchanges(exchanges)
     assert [message.at_ns for message in messages] == [0, 2_000_000_000]
-    done_again, track = played(STEPS, messages=messages)
-    assert sources.differing(messages, done_again.replies) == []
+    track = played(STEPS, messages=messages)[1]
+    assert not differences(TwinSetup(STEPS, 1, {}), exchanges)
     assert track.trimmed().positions[-1] == (200, 0, 0, 0)
-    other, _ = played(STEPS, messages=messages, quirks={"data_packet_trailer": "none"})
-    assert sources.differing(messages, other.replies) == [1]
+    other = differences(TwinSetup(STEPS, 1, {"data_packet_trailer": "none"}), exchanges)
+    assert [each.index for each in other] == [1]
 
 
 def test_a_recording_of_a_bus_is_said_again(tmp_path: Path) -> None:
@@ -185,9 +189,9 @@ def test_a_recording_of_a_bus_is_said_again(tmp_path: Path) -> None:
         "(1795284668.802000) vcan0 581#6013200000000000 R\n",
         "utf-8",
     )
-    messages = sources.from_capture(CAN, str(path))
-    done, track = played(CAN, messages=messages)
-    assert sources.differing(messages, done.replies) == []
+    exchanges = read_capture("can", str(path))
+    track = played(CAN, messages=sources.from_exchanges(exchanges))[1]
+    assert not differences(TwinSetup(CAN, 1, {}), exchanges)
     assert track.trimmed().positions[-1] == (1000,)
 
 
@@ -205,7 +209,7 @@ def test_what_is_no_recording_is_one_clear_line(tmp_path: Path, text: str, words
     path = tmp_path / "capture.txt"
     path.write_text(text, "utf-8")
     with pytest.raises(UsageError, match=words):
-        sources.from_capture(STEPS, str(path))
+        read_capture("serial", str(path))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ What stands in front of a frame, such as its time, is printed with it.
 import io
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, TextIO, TypeAlias
 
@@ -38,6 +38,11 @@ _BARE_BYTES = re.compile(rf"(?P<shown>\s*(?P<data>{_BYTE}(?:[\s,;:-]*{_BYTE})*))
 _BURST = re.compile(
     rf"(?P<shown>\s*(?:[\d.]+\s+(?:ms\s+)?)?[<>]\s+(?P<data>{_BYTE}(?: {_BYTE})*))(?:\s{{2,}}.*)?"
 )
+_PIECE = re.compile(rf"(?P<time>\d+\.\d{{6}}) (?P<way>[<>]) (?P<data>{_BYTE}(?: {_BYTE})*)")
+"""As 'axistwin tap' writes it."""
+
+PAUSE_MS: Final = 50
+"""A longer silence ends what is explained together."""
 
 _STAMP = r"\s*(?:\([^)]*\)\s+|[\d.]+\s+ms\s+[<>]\s+)?"
 _IDENTIFIER = r"(?P<identifier>[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})"
@@ -76,9 +81,9 @@ Reader: TypeAlias = Callable[[str], Found | None]
 def decode(name: str, path: str) -> None:
     """Show bytes of a line, or frames of a bus, in words.
 
-    FILE is a recording of 'axistwin run --capture', what candump wrote, or lines typed by hand;
-    standard input if it is - or left out.  For a model on a serial line every line has bytes in
-    hex; for one on a CAN bus, a frame as candump or cansend write it.
+    FILE is a recording of 'axistwin tap' or 'axistwin run --capture', what candump wrote, or lines
+    typed by hand; standard input if it is - or left out.  For a model on a serial line every line
+    has bytes in hex; for one on a CAN bus, a frame as candump or cansend write it.
 
     \b
     axistwin decode mac23 capture.txt
@@ -129,8 +134,8 @@ class _Decoder:
 
     def run(self) -> None:
         """Until the end of the lines.  Raises UsageError if some were not understood."""
-        for number, line in enumerate(self._lines, 1):
-            self._take(number, line.rstrip("\r\n"))
+        for number, line in _joined(self._lines):
+            self._take(number, line)
         if self._unknown:
             share = "1 line was" if self._unknown == 1 else f"{self._unknown} lines were"
             raise UsageError(
@@ -173,6 +178,27 @@ class _Decoder:
             if model.carrier != self._model.carrier and READERS[model.carrier](line):
                 return f" is for a model such as {model.name}"
         return " is not understood"
+
+
+def _joined(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """Each line without its end, and its number; what a tap has passed on in pieces is one."""
+    held: tuple[int, str] | None = None
+    last_ms, way = 0.0, ""
+    for number, line in enumerate(lines, 1):
+        text = line.rstrip("\r\n")
+        piece = _PIECE.fullmatch(text)
+        if held is not None and (
+            piece is None or piece["way"] != way or float(piece["time"]) - last_ms > PAUSE_MS
+        ):
+            yield held
+            held = None
+        if piece is None:
+            yield number, text
+            continue
+        last_ms, way = float(piece["time"]), piece["way"]
+        held = (number, text) if held is None else (held[0], f"{held[1]} {piece['data']}")
+    if held is not None:
+        yield held
 
 
 def read_bytes(line: str) -> Found | None:

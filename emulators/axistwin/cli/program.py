@@ -48,6 +48,14 @@ _OWN = {
         "axistwin.cli.plot.command",
         "Draw the motion of commands, of a recording, or of a device: path, position, rate.",
     ),
+    "tap": (
+        "axistwin.cli.tap.command",
+        "Record what a program and a device on a serial port say to each other.",
+    ),
+    "replay": (
+        "axistwin.cli.replay.command",
+        "Compare a recording with what a twin would have said, and find the quirks.",
+    ),
     "models": ("axistwin.cli.models", "List the models, or one model's quirks."),
     "doctor": (
         "axistwin.cli.doctor",
@@ -181,6 +189,7 @@ def main() -> None:
     axistwin send ./mac23 'go to 125'  one command in words, and the reply
     axistwin decode mac23 capture.txt  recorded bytes in words
     axistwin plot mn400 M500,300       the motion of a command as a picture
+    axistwin replay x.txt --against mac23   would a twin have said the same?
     axistwin models mac23              its quirks: what the manual leaves open
     axistwin conform mac23             a verdict per requirement of its manual
     """

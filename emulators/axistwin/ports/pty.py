@@ -37,13 +37,14 @@ import time
 import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from axistwin.errors import PortError
 from axistwin.ports.link import Link
 from axistwin.ports.stream import REST_S, SerialStream, Stream
-from axistwin.runtime.serving.base_server import BaseServer
+from axistwin.runtime.serving.base_server import Report
 from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.serving.loop import LoopShare
 from axistwin.wire.framing import LineFormat
 
 # Linux's asm-generic/termbits.h; the termios module knows neither these nor odd rates.
@@ -59,7 +60,19 @@ _IN_OPEN = 0x20
 _NOTICES_MAX = 4096
 
 
-ServerT = TypeVar("ServerT", bound=BaseServer[Any, Any])
+class Owner(Protocol):
+    """Whose loop a pty is served in, and who is told of its clients."""
+
+    @property
+    def loop(self) -> LoopShare:
+        """Where it is served."""
+
+    @property
+    def report(self) -> Report:
+        """What is called with each event."""
+
+
+ServerT = TypeVar("ServerT", bound=Owner)
 
 
 class PseudoTerminal(ABC, Generic[ServerT]):
@@ -180,6 +193,18 @@ class _PtyStream(SerialStream):
         self, server: Server, master: int, line_format: LineFormat, on_end: Callable[[], None]
     ) -> None:
         super().__init__(server, master, on_end, PtyFarewell(master).is_over)
+        self._settings = PtySettings(master, line_format)
+
+    def line_format(self) -> LineFormat:
+        """What the client has set by now."""
+        return self._settings.line_format()
+
+
+class PtySettings:
+    """What clients set on a pty, at first ``line_format``."""
+
+    def __init__(self, master: int, line_format: LineFormat) -> None:
+        self._master = master
         self._present = bytearray(_SETTINGS.size)
         self._settings = b""
         self._format = line_format
@@ -187,14 +212,14 @@ class _PtyStream(SerialStream):
     def line_format(self) -> LineFormat:
         """What the client has set by now; B0 (hang up) leaves the rate as it was."""
         # Into a bytearray: bytes would do, at twice the time.
-        fcntl.ioctl(self._fd, _TCGETS2, self._present)
+        fcntl.ioctl(self._master, _TCGETS2, self._present)
         if self._present != self._settings:
             self._settings = settings = bytes(self._present)
             _, _, control, local, _, _, baud = _SETTINGS.unpack(settings)
             stop_half_bits = 4 if control & termios.CSTOPB else 2
             self._format = LineFormat(baud or self._format.baud, stop_half_bits=stop_half_bits)
             if local & _ARMED != _ARMED and not local & _COOKED:
-                _set_local_flags(self._fd, settings)
+                _set_local_flags(self._master, settings)
         return self._format
 
 

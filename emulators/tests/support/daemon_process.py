@@ -35,7 +35,7 @@ def assert_one_clear_line(result: Result, *parts: str) -> None:
 
 
 class Daemon:
-    """``axistwin run`` as a process of its own in ``folder``."""
+    """``axistwin run``, or another command that serves, as a process of its own in ``folder``."""
 
     def __init__(
         self,
@@ -43,11 +43,12 @@ class Daemon:
         *arguments: str,
         environment: dict[str, str] | None = None,
         program: tuple[str, ...] = ("-m", "axistwin"),
+        command: str = "run",
         stdout: int | IO[str] = subprocess.PIPE,
     ):
         self.folder = folder
         self.process = subprocess.Popen(
-            [sys.executable, *program, "run", *arguments],
+            [sys.executable, *program, command, *arguments],
             cwd=folder,
             env={**os.environ, **(environment or {})},
             stdout=stdout,

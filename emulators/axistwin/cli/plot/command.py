@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -15,13 +14,14 @@ from axistwin.errors import UsageError
 if TYPE_CHECKING:
     from axistwin.cli.plot.track import MotionTrack
     from axistwin.cli.plot.twin_motion import HostMessage, PlayedMotion
+    from axistwin.cli.replay.capture import Exchange
+    from axistwin.cli.replay.host_port import TwinSetup
     from axistwin.devices.controls import AxisReadout
     from axistwin.devices.family import Model
 
 LIMIT_S: Final = 60.0
 LIVE_S: Final = 10.0
 _SPAN: Final = click.FloatRange(0.001, 86_400)
-_TRUTHS: Final = {"on": True, "true": True, "off": False, "false": False}
 
 _HELP: Final = {
     "program": "Commands from a file, one in a line; each is sent when all axes stand.  # begins a "
@@ -133,6 +133,7 @@ def _track(options: PlotOptions, spec: catalog.DeviceSpec) -> MotionTrack:
         raise UsageError(f"{model.name} has no axes to draw; those with axes: {', '.join(known)}")
     _check(options)
     words = sources.from_words(model, spec.address, options.commands)
+    exchanges: list[Exchange] = []
     if options.live is not None:
         requests = [message.content for message in words]
         span_s, baud = options.seconds or LIVE_S, options.baud
@@ -140,8 +141,11 @@ def _track(options: PlotOptions, spec: catalog.DeviceSpec) -> MotionTrack:
     if options.program is not None:
         words = sources.from_program(model, spec.address, options.program)
     elif options.capture is not None:
-        words = sources.from_capture(model, options.capture)
-    return _of_twin(options, spec, model, view, words)
+        from axistwin.cli.replay.capture import read_capture
+
+        exchanges = read_capture(model.carrier, options.capture)
+        words = sources.from_exchanges(exchanges)
+    return _of_twin(options, spec, model, view, words, exchanges)
 
 
 def _check(options: PlotOptions) -> None:
@@ -174,19 +178,21 @@ def _of_twin(
     model: Model,
     view: AxisReadout,
     messages: list[HostMessage],
+    exchanges: list[Exchange],
 ) -> MotionTrack:
     """The exact motion of a twin, with what it replied."""
-    from axistwin.cli.plot.twin_motion import TwinSetup, moved_twin
+    from axistwin.cli.plot.twin_motion import moved_twin
+    from axistwin.cli.replay.host_port import TwinSetup, parse_control
 
     quirks = catalog.all_settings([spec], options.profile, catalog.parse_settings(options.quirks))
-    controls = dict(_setting(text) for text in options.settings)
+    controls = dict(parse_control(text) for text in options.settings)
     setup = TwinSetup(model, spec.address, quirks, controls)
     limit_s = options.seconds or LIMIT_S
     played, track = moved_twin(setup, view, messages, limit_s)
     if options.capture is None:
         _show_replies(model, messages, played)
     else:
-        _show_difference(options.capture, model, messages, played)
+        _show_differences(options.capture, setup, exchanges)
     if played.is_cut:
         click.echo(
             f"axistwin: an axis still moves, or waits for pulses, {limit_s:g} s behind the last "
@@ -194,19 +200,6 @@ def _of_twin(
             err=True,
         )
     return track
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    """A control and its value.  Raises UsageError."""
-    name, equals, value = (part.strip() for part in text.partition("="))
-    if not name or not equals:
-        raise UsageError(f"--set {text!r}: write NAME=VALUE, such as spindle_hz=1000")
-    if value.lower() in _TRUTHS:
-        return name, _TRUTHS[value.lower()]
-    for kind in (int, float):
-        with contextlib.suppress(ValueError):
-            return name, kind(value)
-    return name, value
 
 
 def _show_replies(model: Model, messages: list[HostMessage], played: PlayedMotion) -> None:
@@ -222,21 +215,20 @@ def _show_replies(model: Model, messages: list[HostMessage], played: PlayedMotio
             click.echo(row_of(model, "<", part))
 
 
-def _show_difference(
-    capture: str, model: Model, messages: list[HostMessage], played: PlayedMotion
-) -> None:
+def _show_differences(capture: str, setup: TwinSetup, exchanges: list[Exchange]) -> None:
     """Where the twin does not say what was recorded."""
-    from axistwin.cli.plot.sources import differing
+    from axistwin.cli.replay.comparison import differences
 
-    found = differing(messages, played.replies)
+    found = [each for each in differences(setup, exchanges) if each.is_content]
     if not found:
         return
     recorded, told = (
-        "; ".join(map(model.explain, parts)) or "nothing"
-        for parts in (messages[found[0]].recorded, played.replies[found[0]])
+        "; ".join(map(setup.model.explain, parts)) or "nothing"
+        for parts in (found[0].recorded, found[0].told)
     )
     click.echo(
-        f"axistwin: {capture}: {len(found)} of {len(messages)} replies of the twin are not those "
-        f"recorded, first {told!r} for {recorded!r}; --profile or --quirk may be missing",
+        f"axistwin: {capture}: {len(found)} of {len(exchanges)} replies of the twin are not those "
+        f"recorded, first {told!r} for {recorded!r}; 'axistwin replay' shows all, and may find the "
+        "quirk",
         err=True,
     )

@@ -10,19 +10,14 @@ Rules
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from axistwin import catalog
 from axistwin.cli.plot.track import MARGIN, MotionTrack
+from axistwin.cli.replay.host_port import HostPort, TwinSetup
 from axistwin.devices.controls import AxisReadout
-from axistwin.devices.family import Model, Value
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
-from axistwin.runtime.bus import Bus
-from axistwin.runtime.clock import VirtualClock
-from axistwin.runtime.line import Line
 from axistwin.wire.can_frame import CanFrame
 
 SAMPLES: Final = 4000
@@ -43,27 +38,16 @@ _RECHECK_NS: Final = NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class TwinSetup:
-    """Which twin gets the messages.  controls: their values before, by name."""
-
-    model: Model
-    address: int
-    quirks: Mapping[str, Value]
-    controls: Mapping[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
 class HostMessage:
     """What a host sends: bytes, a frame, or in place of it a pause in seconds.
 
     at_ns: when, counted from the first message; None: after the reply to the one before.
-    waits: not before all axes stand.  recorded: the reply in the recording.
+    waits: not before all axes stand.
     """
 
     content: bytes | CanFrame | float
     at_ns: Nanos | None = None
     waits: bool = False
-    recorded: tuple[bytes | CanFrame, ...] = ()
 
 
 @dataclass(slots=True)
@@ -88,10 +72,8 @@ def moved_twin(
     """How a twin moves that gets ``messages``, at most ``limit_s`` behind the last (rule 1)."""
 
     def play(grid: range | None) -> PlayedMotion:
-        port = (_BusPort if setup.model.carrier == "can" else _LinePort)(setup)
+        port = setup.open()
         with port.simulation:
-            for name, value in setup.controls.items():
-                port.simulation.twins[0].controls[name].set(value)
             return _MotionPlayer(port, view, grid).play(messages, round(limit_s * NS_PER_S))
 
     first = play(None)
@@ -103,83 +85,10 @@ def moved_twin(
     return done, MotionTrack(view.names, view.unit, times_s, done.positions, done.rates)
 
 
-class _HostPort(ABC):
-    """The host's end of a line or bus with one twin."""
-
-    simulation: Line | Bus
-
-    @abstractmethod
-    def send(self, content: Any) -> None:
-        """Send it."""
-
-    @abstractmethod
-    def received(self) -> list[Any]:
-        """What has come since last time."""
-
-    def joined(self, parts: list[Any]) -> list[Any]:
-        """The pieces of a reply put together."""
-        return parts
-
-    @abstractmethod
-    def is_complete(self, content: Any, reply: list[Any]) -> bool:
-        """Whether ``reply`` answers ``content`` in full; False where only silence shows that."""
-
-
-class _LinePort(_HostPort):
-    """Bytes; the host follows the rate of the twin."""
-
-    def __init__(self, setup: TwinSetup) -> None:
-        spec = catalog.DeviceSpec(setup.model.name, setup.address)
-        self._family = setup.model.family
-        self._line = catalog.build_line([spec], quirks=setup.quirks, clock=VirtualClock())
-        self.simulation = self._line
-
-    def send(self, content: bytes) -> None:
-        """Send it at the rate of the twin."""
-        self._line.host_format = self._line.device_format
-        self._line.send(content)
-
-    def received(self) -> list[bytes]:
-        """All bytes that have come."""
-        data = self._line.receive()
-        return [data] if data else []
-
-    def joined(self, parts: list[bytes]) -> list[bytes]:
-        """Bytes of one reply are one."""
-        return [b"".join(parts)] if parts else []
-
-    def is_complete(self, content: bytes, reply: list[bytes]) -> bool:
-        """As the family knows it."""
-        return self._family.is_whole(b"".join(reply))
-
-
-class _BusPort(_HostPort):
-    """Frames."""
-
-    def __init__(self, setup: TwinSetup) -> None:
-        spec = catalog.DeviceSpec(setup.model.name, setup.address)
-        self._family = setup.model.family
-        self._bus = catalog.build_bus([spec], quirks=setup.quirks, clock=VirtualClock())
-        self.simulation = self._bus
-        self._port = self._bus.attach()
-
-    def send(self, content: CanFrame) -> None:
-        """Queue it."""
-        self._bus.send(self._port, content)
-
-    def received(self) -> list[CanFrame]:
-        """The frames."""
-        return [arrival.frame for arrival in self._bus.receive(self._port)]
-
-    def is_complete(self, content: CanFrame, reply: list[CanFrame]) -> bool:
-        """One frame that answers it."""
-        return any(self._family.is_reply(content, frame) for frame in reply)
-
-
 class _MotionPlayer:
     """Sends the messages, and samples the axes at the times of ``grid``."""
 
-    def __init__(self, port: _HostPort, view: AxisReadout, grid: range | None) -> None:
+    def __init__(self, port: HostPort, view: AxisReadout, grid: range | None) -> None:
         self._port = port
         self._simulation = port.simulation
         controls = port.simulation.twins[0].controls

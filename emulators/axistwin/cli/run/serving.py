@@ -128,7 +128,7 @@ def perform(run: Run[SimulationT], reporter: Reporter) -> int:
 
     with contextlib.closing(reporter), contextlib.closing(Rack()) as rack:
         # During the start: it ends when it can.
-        rack.loop.install_signal_handlers(_stop_signals())
+        rack.loop.install_signal_handlers(stop_signals())
         with (
             run.watching(),
             run.build() as simulation,
@@ -162,7 +162,7 @@ def perform(run: Run[SimulationT], reporter: Reporter) -> int:
     return EXIT_USAGE if reporter.has_lost else 0
 
 
-def _stop_signals() -> list[signal.Signals]:
+def stop_signals() -> list[signal.Signals]:
     """Ctrl-C, the polite kill, and the end of the terminal, unless nohup says to outlive that."""
     signals = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:

@@ -1,0 +1,1 @@
+"""Between a program and its device: all that they say to each other is passed on and recorded."""
