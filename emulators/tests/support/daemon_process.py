@@ -35,7 +35,7 @@ def assert_one_clear_line(result: Result, *parts: str) -> None:
 
 
 class Daemon:
-    """``axistwin run`` as a process of its own in ``folder``."""
+    """``axistwin run``, or another ``command``, as a process of its own in ``folder``."""
 
     def __init__(
         self,
@@ -44,10 +44,11 @@ class Daemon:
         environment: dict[str, str] | None = None,
         program: tuple[str, ...] = ("-m", "axistwin"),
         stdout: int | IO[str] = subprocess.PIPE,
+        command: str = "run",
     ):
         self.folder = folder
         self.process = subprocess.Popen(
-            [sys.executable, *program, "run", *arguments],
+            [sys.executable, *program, command, *arguments],
             cwd=folder,
             env={**os.environ, **(environment or {})},
             stdout=stdout,
