@@ -84,7 +84,7 @@ def test_every_port_of_scripts_run_answers_as_the_table_says(
     tries = {link: shlex.split(words) for link, words in AT_THE_PORTS}
     assert set(tries) == {place.link for place in rack.PLACES}
     for place in rack.PLACES:
-        with rack.running(place, folder / place.judged):
+        with rack.running(place, folder / f"state-{place.judged}"):
             result = CliRunner().invoke(main, tries[place.link])
         assert result.exit_code == 0, result.output
         assert "\n< " in result.output
