@@ -145,6 +145,16 @@ def test_the_pages_that_the_source_names_exist() -> None:
 def test_the_readme_names_every_command_and_both_scripts() -> None:
     """A newcomer meets scripts/run, scripts/test and each command of the program."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    commands = ("axistwin run", "rack", "ctl", "send", "decode", "plot", "models", "doctor", "conform")
+    commands = (
+        "axistwin run",
+        "rack",
+        "ctl",
+        "send",
+        "decode",
+        "plot",
+        "models",
+        "doctor",
+        "conform",
+    )
     for words in ("scripts/run", "scripts/test", *commands):
         assert words in text, words
