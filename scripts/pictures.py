@@ -21,14 +21,18 @@ from typing import Any
 from xml.sax.saxutils import escape
 
 from click.testing import CliRunner
+from playwright.sync_api import sync_playwright
 
 from axistwin.cli import program
+from axistwin.control.panel import read_page
 from axistwin_conformance.report import html, plot
 from axistwin_conformance.report.json import Report, fold
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 DIGESTS = PICTURES / "made-from.txt"
+PANEL_SIZE = (1120, 1000)
+JOGGED = ("inputs.run_jog", "inputs.jog_m1_plus", "inputs.jog_m2_minus")
 RECORD = ROOT / "conformance" / "tests" / "contracts" / "golden" / "mac23-faulty" / "events.jsonl"
 EXAMPLE = ROOT / "fixtures" / "example-project"
 CONTOUR_PAGE = ROOT / "docs" / "how-to" / "drive-a-contour.md"
@@ -177,6 +181,32 @@ def photograph(text: str, target: Path) -> None:
         )
 
 
+def photograph_panel(target: Path) -> None:
+    """A board that is jogged, and meets a limit, as the panel of a daemon shows it."""
+    browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    width, height = PANEL_SIZE
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        command = ["run", "mn400", "--pty", "mn400", "--control", "127.0.0.1:0", "--json"]
+        with subprocess.Popen(
+            [sys.executable, "-m", "axistwin", *command],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        ) as daemon:
+            assert daemon.stdout is not None
+            ready = json.loads(daemon.stdout.readline())
+            shown = playwright.chromium.launch(executable_path=browser, args=["--no-sandbox"])
+            page = shown.new_page(viewport={"width": width, "height": height})
+            page.goto(f"{ready['control']}/#/device/{ready['device']}")
+            for control in (*JOGGED, "inputs.m1_plus"):
+                page.locator(f"[data-control='{control}']").click()
+                page.wait_for_timeout(1500)
+            page.evaluate("scrollTo(0, 0)")
+            page.screenshot(path=target)
+            shown.close()
+            daemon.terminate()
+
+
 def contents() -> dict[str, str]:
     """What each picture is made from."""
     return {
@@ -184,6 +214,7 @@ def contents() -> dict[str, str]:
         "helix.svg": motion("A helix: + -1000,0,-2000,0,1,-500,4", "V2000", HELIX),
         "failing-page.png": page(),
         "failing-test.svg": as_svg(failing_test()),
+        "panel.png": "".join(map(str, sorted(read_page().items()))),
         "plot.svg": first_plot(),
     }
 
@@ -201,6 +232,7 @@ def main() -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
     made_from = contents()
     photograph(made_from["failing-page.png"], PICTURES / "failing-page.png")
+    photograph_panel(PICTURES / "panel.png")
     for name, text in made_from.items():
         if name.endswith(".svg"):
             (PICTURES / name).write_text(text, encoding="utf-8")

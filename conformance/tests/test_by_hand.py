@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from axistwin.cli.program import main
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.report.by_hand import again
+from axistwin_conformance.report.by_hand import again, move_to_start, timeout_s
 from axistwin_conformance.report.json import plain
 
 MS = 1_000_000
@@ -46,14 +46,55 @@ def test_between_the_requests_is_waited_as_long_as_it_was() -> None:
         Record(450 * MS, Direction.HOST, b"\x02\x02"),
         Record(460 * MS, Direction.HOST, b"\x02\x03"),
     ]
-    assert again(plain(records), (0, 3, 4)) == ["02 01", "wait 350 ms", "02 02", "02 03"]
+    assert again(plain(records), (0, 3, 4)) == [
+        "02 01",
+        "wait 350 ms",
+        "02 02",
+        "wait 10 ms",
+        "02 03",
+    ]
     assert again(plain(records), ()) == []
 
 
 def test_an_idle_wait_is_kept_though_short() -> None:
-    """Where a motion runs it matters; the time of a request that is left out does not."""
+    """An axis may have moved in it, and in the time of a request that is left out as well."""
     said = ((0, "host"), (19, "host"), (20, "host"), (39, "device"), (40, "host"), (60, "host"))
     records = [Record(at * MS, Direction(who), bytes((2, at))) for at, who in said]
     assert again(plain(records), (0, 1)) == ["02 00", "wait 19 ms", "02 13"]
-    assert again(plain(records), (1, 4)) == ["02 13", "02 28"]
+    assert again(plain(records), (1, 4)) == ["02 13", "wait 21 ms", "02 28"]
     assert again(plain(records), (1, 5)) == ["02 13", "wait 41 ms", "02 3C"]
+
+
+def test_after_an_earlier_exchange_is_not_waited_for_all_that_came_between() -> None:
+    """No pause, however long, says that a device may have another reading of a matter."""
+    records = [
+        Record(0, Direction.HOST, b"\x02\x01"),
+        Record(MS, Direction.NOTE, text="in this check:"),
+        Record(90_000 * MS, Direction.HOST, b"\x02\x02"),
+    ]
+    assert again(plain(records), (0, 2)) == ["02 01", "wait 2500 ms", "02 02"]
+
+
+def test_what_is_done_to_the_device_stands_between_the_requests() -> None:
+    """With no pause: whoever does it takes their time."""
+    records = [
+        Record(0, Direction.HOST, b"\x02\x01"),
+        Record(500 * MS, Direction.NOTE, text="rig: the power was switched off"),
+        Record(1500 * MS, Direction.HOST, b"\x02\x02"),
+    ]
+    acts = ["02 01", "rig: the power was switched off", "02 02"]
+    assert again(plain(records), (0, 1, 2)) == acts
+
+
+def test_a_slow_reply_is_waited_for() -> None:
+    """Longer than a reply usually takes, if it has to be."""
+    records = [Record(0, Direction.HOST, b"\x02\x01"), Record(1002 * MS, Direction.DEVICE, b"\x15")]
+    assert timeout_s(plain(records), (0,)) == 3
+    assert timeout_s(plain([records[0], Record(MS, Direction.DEVICE, b"\x06")]), (0,)) == 0
+
+
+def test_an_axis_that_was_found_elsewhere_is_first_brought_there() -> None:
+    """A line that begins at 0 would show something else."""
+    shown = "25h (speeds) showed period 5", "20h (position) showed -200 increments"
+    assert move_to_start(shown) == ["go to -200", "wait 3000 ms"]
+    assert move_to_start(["20h (position) showed 0 increments"]) == []

@@ -111,13 +111,19 @@ def test_by_hand_sends_all_that_changed_something_and_says_where_that_is_not_eno
     records = [host(0, 0x0F, 5), host(1, 0x0F, 6), host(2, 0x21), host(3, 0x13, 9), host(4, 0x20)]
     assert telling(records, in_words, ("1",), "2").by_hand == (1, 3, 4)
     rig = [mark("rig: the shaft was held"), *records]
-    assert telling(rig, in_words, ("1",), "2")[2:] == (
-        (),
-        "not without the rig, which worked the device meanwhile",
-        (),
-    )
+    told = telling(rig, in_words, ("1",), "2")
+    assert told.by_hand == (0, 2, 4, 5)  # the shaft is held between them
+    assert told.no_hand.startswith("not with 'axistwin send' alone")
     many = [host(n, 0x13, n) for n in range(30)]
-    assert telling(many, in_words, ("1",), "2").no_hand.startswith("not in a few requests: 29 ")
+    assert telling(many, in_words, ("1",), "2").no_hand.startswith("too long to type (29 steps ")
+
+
+def test_by_hand_leaves_out_what_was_refused_and_stops_of_what_did_not_move() -> None:
+    """A refused request has changed nothing, and one stop is enough."""
+    refused = Record(3 * MS, Direction.DEVICE, b"\x06\x13\x17")
+    sent = [host(0, 0x18), host(1, 0x0F, 5), host(2, 0x0F, 6), refused, host(4, 0x18)]
+    moved = [*sent, host(5, 0x13, 9), host(6, 0x18), host(7, 0x20)]
+    assert telling(moved, in_words, ("1",), "2").by_hand == (1, 4, 5, 6, 7)
 
 
 def test_abbreviations_of_the_manual_are_spelt_out() -> None:
@@ -260,7 +266,7 @@ def test_a_bare_byte_has_the_name_that_the_expected_one_has() -> None:
 
 
 def test_an_earlier_exchange_stands_before_that_of_the_check() -> None:
-    """Under its note, with the rule that was applied; what is sent by hand is the check's alone."""
+    """Under its note, with the rule that was applied; both are sent by hand."""
     before = (mark("earlier in this run, the device refused it:"), host(0, 0x0F, 5))
     records = [mark("check this"), host(900, 0x0F, 6), host(901, 0x20)]
     seen = Observation("{request} was odd", rule="The same.", earlier=before, causes=("0Fh",))
@@ -271,5 +277,5 @@ def test_an_earlier_exchange_stands_before_that_of_the_check() -> None:
     assert [found.transcript[n].data for n in found.decisive if found.transcript[n].data] == [
         before[1].data, records[1].data, records[2].data,
     ]  # fmt: skip
-    assert [found.transcript[n] for n in found.by_hand] == records[1:]
+    assert [found.transcript[n] for n in found.by_hand] == [before[1], *records[1:]]
     assert found.rule == "The same."

@@ -67,7 +67,14 @@ def test_devices_and_lines_are_listed(api: ServedControl) -> None:
         "line": "mac23:0",
         "power": True,
         "state": devices[1]["state"],
+        "axes": {
+            "names": ["axis"],
+            "unit": "increments",
+            "position": "position",
+            "rate": "velocity",
+        },
     }
+    assert devices[2]["axes"] is None
     assert api.get("devices/mac34-1") == devices[1]
     lines = api.get("lines")["lines"]
     assert [(each["name"], each["devices"]) for each in lines] == [

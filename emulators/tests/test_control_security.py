@@ -1,5 +1,6 @@
 """Who may use the control API, and how much of it, over real sockets."""
 
+import base64
 import contextlib
 import http.client
 import json
@@ -203,6 +204,33 @@ def test_everything_is_answered_with_the_token(secret: ServedControl) -> None:
     headers = {"Authorization": f"Bearer {TOKEN}"}
     assert secret.ask("GET", "devices", headers=headers)[0] == 200
     assert upgrade(secret, headers) == 101
+
+
+def test_a_websocket_of_a_browser_has_the_token_in_a_subprotocol(secret: ServedControl) -> None:
+    """In base64url; a wrong one, or what is none, is refused, and so is it elsewhere."""
+    for token, status in ((TOKEN, 101), (TOKEN[:-1], 401), ("", 401)):
+        code = base64.urlsafe_b64encode(token.encode()).decode().rstrip("=")
+        offered = {"Sec-WebSocket-Protocol": f"axistwin, axistwin.bearer.{code}"}
+        assert upgrade(secret, offered) == status
+        assert secret.ask("GET", "devices", headers=offered)[0] == 401
+    for code in ("a", "____", "!"):
+        assert upgrade(secret, {"Sec-WebSocket-Protocol": f"axistwin.bearer.{code}"}) == 401
+
+
+def test_only_the_files_of_the_panel_are_read_without_the_token(secret: ServedControl) -> None:
+    """By their exact paths; a page of another site does not get even these."""
+    for path in ("/", "/panel/panel.js"):
+        assert secret.ask("GET", path)[0] == 200
+        assert secret.ask("GET", path, headers={"Origin": "http://example.org"})[0] == 403
+    for path in (
+        "/panel/",
+        "/panel/nothing.js",
+        "/panel/../api/v1/devices",
+        "/panel/..%2fpanel.py",
+        "/panel/%2e%2e/api/v1/devices",
+        "//api/v1/devices",
+    ):
+        assert secret.ask("GET", path)[0] == 401
 
 
 def test_a_token_is_compared_in_constant_time(

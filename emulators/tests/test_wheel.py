@@ -132,3 +132,14 @@ def test_the_core_install_names_what_pictures_need(clean_python: Path, tmp_path:
     assert result.stdout == (
         "axistwin: plot needs matplotlib, which is not installed: pip install 'matplotlib>=3.9'\n"
     )
+
+
+def test_the_wheel_has_the_panel(clean_python: Path, tmp_path: Path) -> None:
+    """Its files, those of others with their licence."""
+    code = (
+        "from importlib.resources import files; "
+        "print(*(files('axistwin.control') / 'page').iterdir())"
+    )
+    listed = run(clean_python, "-c", code, folder=tmp_path).stdout
+    for name in ("index.html", "panel.js", "uPlot.iife.min.js", "uPlot.LICENSE.txt"):
+        assert name in listed

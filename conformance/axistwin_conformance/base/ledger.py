@@ -26,6 +26,7 @@ from axistwin_conformance.base.classes import SAFETY_CLASSES
 
 CHAPTER = re.compile(r"[IVX]+(\.[0-9]+)?")
 ELSEWHERE = "not in this device's own manual"
+LEFT_OPEN = "The manual leaves this open"  # begins the rule of an ambiguity
 ANY_READING = "*"  # in a list of readings: any other value is admissible too (a measured time)
 
 
@@ -131,7 +132,7 @@ class Ambiguity:
     def rule(self, switch: str) -> str:
         """What is asked of a device, since the manual leaves open what it does."""
         return (
-            f"The manual leaves this open ({self.id}: {self.question.rstrip('.')}). Admissible is"
+            f"{LEFT_OPEN} ({self.id}: {self.question.rstrip('.')}). Admissible is"
             f" that the device {self.either(switch)}, each time the same."
         ).replace(ANY_READING, "N")
 

@@ -67,9 +67,10 @@ class Finding:
     `expected` lists every admissible outcome, `actual` is what came; `transcript` holds the
     exchange that led here, for verdicts a reader will want to follow.  `sentence` says of a failure
     what the device did and what is expected.  Of the transcript, by number: `decisive`, the lines
-    that decided; `by_hand`, the requests that show it again.  `no_hand`: why none do.  `found`:
-    what the device told of its state before the first of them.  `rule`: what is asked of the
-    device, where the requirement does not say it.
+    that decided; `by_hand`, the requests that show it again, and what was done to the rig between
+    them.  `no_hand`: why sending them is not enough.  `found`: what the device told of its state
+    before the first of them.  `rule`: what is asked of the device, where the requirement does not
+    say it.
     """
 
     requirement: str

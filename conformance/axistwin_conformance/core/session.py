@@ -32,6 +32,7 @@ from axistwin_conformance.core.wording import (
     REQUEST,
     Exchange,
     Observation,
+    asked_in,
     shown_exchange,
     telling,
 )
@@ -464,14 +465,12 @@ class Session:
         value, clause = f"{name}={' or '.join(seen)}", f"{shown.clause}: the device {came}"
         if not self.run.ledger.asks(name):
             return replace(shown, clause=clause, value=value, wanted=f"that it {before}")
+        held_to = earlier(self, name)
+        clause += f", but earlier in this run it {before}"
         return replace(
-            shown,
-            clause=f"{clause}, but earlier in this run it {before}",
-            value=value,
-            wanted="the same each time",
-            rule=ambiguity.rule(name),
-            earlier=earlier(self, name),
-        )
+            shown, value=value, wanted="the same each time", earlier=held_to,
+            clause=clause + asked_in(held_to, self.run.family.in_words), rule=ambiguity.rule(name),
+        )  # fmt: skip
 
     def no_reading(
         self,

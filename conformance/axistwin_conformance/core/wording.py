@@ -44,7 +44,9 @@ POWER_CYCLE: Final = "a power cycle"
 
 
 SETS: Final = re.compile(r" ?[(=]")  # what stands behind the name of a setting
+ONE_EXCHANGE: Final = 4  # records, at most: a note, a request, its reply and a receipt
 MOST_BY_HAND: Final = 12  # requests; more, nobody pastes
+WORKED: Final = "not with 'axistwin send' alone: the device has to be worked as well, in this order"
 
 
 class Effect(Enum):
@@ -68,6 +70,7 @@ class Exchange(NamedTuple):
     `request`: in a few words; empty: not worth any (a receipt).  `effect`: on the device.
     `quantity`: what a bare number in its answer is.  `answer`: what the answer says, by its fields
     if it has any.  `is_altered`: not as a host sends it that means well (a reply refused).
+    `is_refused`: the device says that it has not done it.
     """
 
     request: str
@@ -75,6 +78,7 @@ class Exchange(NamedTuple):
     quantity: str = ""
     answer: str = ""
     is_altered: bool = False
+    is_refused: bool = False
 
     @property
     def is_query(self) -> bool:
@@ -103,6 +107,7 @@ class Observation:
     is_whole: bool = True
     rule: str = ""
     earlier: tuple[Record, ...] = ()
+    by_hand: str = ""
 
     def __str__(self) -> str:
         return self.value or self.clause.replace(REQUEST, "the request").replace(WAITED, "")
@@ -111,8 +116,9 @@ class Observation:
 class Telling(NamedTuple):
     """A failure in words: the sentence, and which of the records (by number) decided.
 
-    `by_hand`: those that were sent, and have to be sent again to see it again; none: `no_hand` says
-    why that is not enough.  `found`: what the device told of its state before the first of them.
+    `by_hand`: those that were sent, and have to be sent again to see it again, and what was done to
+    the rig between them.  `no_hand`: why sending is not enough.  `found`: what the device told of
+    its state before the first of them.
     """
 
     sentence: str
@@ -144,8 +150,14 @@ class Telling(NamedTuple):
             requirement, Verdict.FAIL, text, tuple(expected), str(actual),
             (*before, *(records[number] for number in kept)), self.sentence,
             (*range(len(before)), *(place[number] for number in self.decisive)),
-            tuple(place[number] for number in self.by_hand), self.no_hand, self.found, seen.rule,
+            (*self._first_by_hand(before), *(place[number] for number in self.by_hand)),
+            self.no_hand, self.found, seen.rule,
         )  # fmt: skip
+
+    def _first_by_hand(self, before: Sequence[Record]) -> Iterable[int]:
+        """The requests of the exchange that the device is held to; a receipt is none."""
+        requests = (n for n, one in enumerate(before) if one.direction is Direction.HOST)
+        return (n for n in requests if len(before[n].data) > 1) if self.by_hand else ()
 
 
 class _Act(NamedTuple):
@@ -205,6 +217,7 @@ def telling(
     text = f"{clause}; expected {wanted}{rest}." if wanted else f"{clause}{rest}."
     decisive = _decisive(causes, judged, records)
     by_hand, no_hand = _by_hand(acts, judged, causes)
+    no_hand = no_hand or (seen.by_hand if seen else "")
     found = _found(acts, by_hand) if by_hand[1:] else ()
     return Telling(text[0].upper() + text[1:], decisive, by_hand, no_hand, found)
 
@@ -228,6 +241,13 @@ def shown_exchange(
     named = [_latest(before, words) for words in causes]
     led = [*_causes(before, shown), *(act for act in named if act is not None)]
     return tuple(records[number] for number in _decisive(led, shown, records))
+
+
+def asked_in(earlier: Sequence[Record], describe: Describe) -> str:
+    """`` (at RFLAG 256)``: the request of an earlier exchange, if it is short; otherwise empty."""
+    asked = (describe(record.data, b"").request for record in earlier if record.data)
+    question = next(filter(None, asked), "") if len(earlier) <= ONE_EXCHANGE else ""
+    return f" (at {question})" if question else ""
 
 
 def _clause(clause: str, judged: _Act | None, records: Sequence[Record]) -> str:
@@ -327,26 +347,36 @@ def _decisive(
 def _by_hand(
     acts: Sequence[_Act], judged: _Act | None, causes: Iterable[_Act]
 ) -> tuple[tuple[int, ...], str]:
-    """What to send again, all that has changed something since the state was known; or why that
-    does not do."""
+    """What to send and to do again, all that has changed something since the state was known; and
+    why sending does not do."""
     if judged is None:
         return (), ""
     before = acts[: acts.index(judged)]
-    if judged.is_rig or any(act.is_rig for act in before):
-        return (), "not without the rig, which worked the device meanwhile"
     if any(act.exchange.is_altered for act in (*before, judged)):
         return (), "not with 'axistwin send', which acknowledges every reply"
+    steps = {act.first for act in (*_changing(before), *causes)} - {judged.first}
+    if len(steps) >= MOST_BY_HAND:
+        return (), f"too long to type ({len(steps)} steps before the last one): use the line above"
+    is_worked = any(act.is_rig for act in (*before, judged))
+    return (*sorted(steps), judged.first), WORKED if is_worked else ""
+
+
+def _changing(acts: Iterable[_Act]) -> Iterable[_Act]:
+    """What was done, and the requests that changed something: of settings the last of each, and of
+    stops, unless something has moved between them."""
     latest: dict[str, _Act] = {}
-    for act in before:
-        if not act.exchange.is_query:
-            is_value = act.exchange.effect is Effect.VALUE
-            key = SETS.split(act.words)[0] if is_value else str(act.first)
-            latest.pop(key, None)
-            latest[key] = act
-    if len(latest) >= MOST_BY_HAND:
-        return (), f"not in a few requests: {len(latest)} before the last one change the device"
-    sent = {act.first for act in (*latest.values(), *causes)}
-    return (*sorted(sent), judged.first), ""
+    moves = 0
+    for act in acts:
+        exchange = act.exchange
+        if exchange.is_query or exchange.is_refused:
+            continue
+        moves += act.is_rig or exchange.effect in (Effect.HOLD, *MOVING[:2])
+        key = {Effect.VALUE: SETS.split(act.words)[0], Effect.STOP: f"{act.words} {moves}"}.get(
+            exchange.effect, str(act.first)
+        )
+        latest.pop(key, None)
+        latest[key] = act
+    return latest.values()
 
 
 def _found(acts: Sequence[_Act], by_hand: Sequence[int]) -> tuple[str, ...]:

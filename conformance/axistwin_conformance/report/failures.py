@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from axistwin_conformance.base.ledger import ELSEWHERE
+from axistwin_conformance.base.ledger import ELSEWHERE, LEFT_OPEN
 
 NO_MANUAL: Final = "none"  # begins the source of what no manual asks
 GROUNDS: Final = {
@@ -20,7 +20,10 @@ GROUNDS: Final = {
 }
 TAKEN_OVER: Final = "taken to hold for it as well"
 OWN_RULE: Final = "a rule of the suite; the manual does not cover it"
-TIMES: Final = "time in ms: host lines when sending began, device lines at the last byte"
+TIMES: Final = (
+    "time in ms: host lines when sending began, device lines at the last byte; 'N ms after' a"
+    " request counts from the time of its line"
+)
 SHOWN: Final = ("fail", "inconclusive")
 NUMBER: Final = re.compile(r"-?\b[0-9][0-9A-F.]*\b(?!h)")  # not the number of a command
 ALSO: Final = "also fails, likely by the same cause"
@@ -64,7 +67,11 @@ class Statement:
         """What is asked of the device; `known`: requirements as they were judged, by their id."""
         rules = [self.rule, *[""] * len(self.requirements)]
         return [
-            Required(name, rule or known[name]["text"], "" if rule else place(known[name]))
+            Required(
+                name,
+                rule or known[name]["text"],
+                "" if rule.startswith(LEFT_OPEN) else place(known[name]),
+            )
             for name, rule in zip(self.requirements, rules, strict=False)
         ]
 

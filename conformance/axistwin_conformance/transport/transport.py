@@ -325,8 +325,10 @@ class Transport(ABC):
         passed_ms = (self.now_ns - started_ns) / 1e6
         others = self.transcript.since(max(0, self.transcript.position - LATEST))
         is_alone = all(one.time_ns <= started_ns for one in others if one.data)
-        what = "nothing" if is_alone else "not what was awaited"
-        text = f"{what} for {passed_ms:.0f} ms"
+        waited = f"{passed_ms:.0f} ms"
+        text = (
+            f"nothing for {waited}" if is_alone else f"waited {waited}: what was due did not come"
+        )
         self.transcript.note(started_ns, Direction.SILENCE, text=text)
 
     def _within_travel(self, left_ns: int) -> int:

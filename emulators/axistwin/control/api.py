@@ -12,9 +12,11 @@ from typing import Annotated, Any, Final, TypeVar
 from fastapi import APIRouter, Body, Path, Query, WebSocket
 from starlette.responses import JSONResponse, Response
 
+from axistwin.catalog import find_model
 from axistwin.control import metrics
-from axistwin.control.guard import RefusedError, problem
+from axistwin.control.guard import SUBPROTOCOL, RefusedError, problem
 from axistwin.control.models import (
+    AxesInfo,
     ControlDone,
     ControlInfo,
     ControlList,
@@ -32,6 +34,7 @@ from axistwin.control.models import (
     StateInfo,
 )
 from axistwin.control.watching import WATCHERS_MAX, Watching
+from axistwin.devices.controls import AxisReadout
 from axistwin.errors import UnknownNameError, UsageError
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.control_access import BoundControl
@@ -210,7 +213,8 @@ class Api:
             return
         self._counts.watchers += 1
         try:
-            await client.accept()
+            offered = client.scope["subprotocols"]
+            await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
             devices = names or list(self._rack.devices)
             await Watching(self._rack, self._live, self._counts, client, devices).run()
         finally:
@@ -241,6 +245,7 @@ class Api:
 
 def _device_info(found: RackDevice) -> DeviceInfo:
     twin = found.twin
+    axes = find_model(twin.model).family.axis_readout()
     return DeviceInfo(
         name=found.name,
         model=twin.model,
@@ -248,7 +253,12 @@ def _device_info(found: RackDevice) -> DeviceInfo:
         line=found.line,
         power=twin.is_powered,
         state=twin.controls["state"].value,
+        axes=None if axes is None else _axes_info(axes),
     )
+
+
+def _axes_info(axes: AxisReadout) -> AxesInfo:
+    return AxesInfo(names=list(axes.names), unit=axes.unit, position=axes.position, rate=axes.rate)
 
 
 def _find(found: RackDevice, name: str) -> BoundControl:

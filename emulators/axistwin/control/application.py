@@ -13,6 +13,7 @@ from axistwin import __version__
 from axistwin.control.api import Api, NotAllowedError
 from axistwin.control.guard import Application, Guard, RefusedError, problem
 from axistwin.control.metrics import Counts
+from axistwin.control.panel import make_panel, paths, read_page
 from axistwin.errors import StateError, UnknownNameError, UsageError
 from axistwin.runtime.serving.live import Live
 from axistwin.runtime.serving.rack import Rack
@@ -25,11 +26,13 @@ def make_application(
 ) -> Application:
     """The API for ``rack``, for a server that listens at ``host``; ``token``: None for none."""
     api = Api(rack, live, counts)
+    page = read_page()
     # The pages that show the schema would come from other sites.
     application = FastAPI(
         title="axistwin", version=__version__, description=_ABOUT, docs_url=None, redoc_url=None
     )
     application.include_router(api.router())
+    application.include_router(make_panel(page))
     application.get("/metrics", summary="For Prometheus", response_class=Response)(api.metrics)
     for kind, status in ((UnknownNameError, 404), (UsageError, 422), (StateError, 503)):
         application.add_exception_handler(kind, _answer(status))
@@ -37,7 +40,7 @@ def make_application(
     application.add_exception_handler(NotAllowedError, _not_allowed)
     application.add_exception_handler(RequestValidationError, _not_valid)
     application.add_exception_handler(HTTPException, _http)
-    return Guard(cast(Application, application), host, token, counts.count)
+    return Guard(cast(Application, application), host, token, counts.count, paths(page))
 
 
 def _problem(status: int, message: str) -> JSONResponse:

@@ -5,22 +5,30 @@ Rules
 1. ``Host`` is one of this server's: else a page of another name that resolves to this machine (DNS
    rebinding) could read what it gets.  An address is none that a page can be rebound to.
 2. A request of a web page carries ``Origin``: it has to be this server's own.
-3. With a token, every request has it (``Authorization: Bearer``), compared in constant time.
+3. With a token, every request has it (``Authorization: Bearer``), compared in constant time.  A
+   WebSocket of a browser, which can give no header, has it in base64url in a subprotocol.  Only
+   the files of the panel, which hold nothing of this server, are read without it.
 4. A body has at most ``BODY_MAX_BYTES`` and ``BODY_TIMEOUT_S`` to come; nothing else is read.
 """
 
 import asyncio
+import base64
+import binascii
+import contextlib
 import hmac
 import ipaddress
 import json
 import socket
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Collection, MutableMapping
 from typing import Any, Final, TypeAlias
 
 from axistwin.ports.tcp import is_loopback
 
 BODY_MAX_BYTES: Final = 64 * 1024
 BODY_TIMEOUT_S: Final = 10.0
+
+SUBPROTOCOL: Final = "axistwin"
+"""What a WebSocket that brings the token in a subprotocol names too, and is answered."""
 
 Message: TypeAlias = MutableMapping[str, Any]
 Receive: TypeAlias = Callable[[], Awaitable[Message]]
@@ -57,7 +65,7 @@ class Guard:
     """Lets through to ``application`` what obeys the rules.
 
     host: where the server listens.  token: what every request must have; None: nothing.
-    count: told the method and the status of each answer.
+    count: told the method and the status of each answer.  public: paths read without the token.
     """
 
     def __init__(
@@ -66,6 +74,7 @@ class Guard:
         host: str,
         token: str | None,
         count: Callable[[str, int], None] = lambda method, status: None,
+        public: Collection[str] = (),
     ) -> None:
         self._application = application
         self._count = count
@@ -74,6 +83,7 @@ class Guard:
             self._names.add(socket.gethostname().lower())
         self._is_local = is_loopback(host)
         self._token = token
+        self._public = frozenset(public)
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
         """One request, or one WebSocket."""
@@ -83,7 +93,7 @@ class Guard:
         if scope["type"] == "http":
             send = self._counted(scope["method"], send)
         try:
-            self._check(_headers(scope))
+            self._check(scope, _headers(scope))
             if scope["type"] == "http":
                 body = await asyncio.wait_for(_body(scope, receive), BODY_TIMEOUT_S)
                 receive = _once(body, receive)
@@ -104,7 +114,7 @@ class Guard:
 
         return counted
 
-    def _check(self, headers: dict[str, list[str]]) -> None:
+    def _check(self, scope: Message, headers: dict[str, list[str]]) -> None:
         """Raise RefusedError by rules 1 to 3."""
         hosts, origins = headers.get("host", []), headers.get("origin", [])
         if len(hosts) != 1 or not self._is_own(hosts[0]):
@@ -113,8 +123,9 @@ class Guard:
             )
         if origins and origins != [f"http://{hosts[0]}"]:
             raise RefusedError(403, "Origin is another site's; web pages of others are not served")
-        if self._token is not None:
-            given = headers.get("authorization", [""])[-1].encode()
+        is_public = scope["type"] == "http" and scope["path"] in self._public
+        if self._token is not None and not is_public:
+            given = _authorization(scope, headers).encode()
             if not hmac.compare_digest(given, f"Bearer {self._token}".encode()):
                 raise RefusedError(401, "a token is needed: Authorization: Bearer TOKEN")
 
@@ -135,6 +146,18 @@ def _headers(scope: Message) -> dict[str, list[str]]:
     for name, value in scope["headers"]:
         headers.setdefault(name.decode("latin-1").lower(), []).append(value.decode("latin-1"))
     return headers
+
+
+def _authorization(scope: Message, headers: dict[str, list[str]]) -> str:
+    """By rule 3; empty: none is given."""
+    start = f"{SUBPROTOCOL}.bearer."
+    if scope["type"] == "websocket" and "authorization" not in headers:
+        for each in scope["subprotocols"]:
+            code = each.removeprefix(start)
+            if code != each:
+                with contextlib.suppress(binascii.Error, ValueError):
+                    return f"Bearer {base64.urlsafe_b64decode(code + '==').decode()}"
+    return headers.get("authorization", [""])[-1]
 
 
 async def _body(scope: Message, receive: Receive) -> bytes:

@@ -43,6 +43,15 @@ class LineList(Described):
     lines: list[LineInfo]
 
 
+class AxesInfo(Described):
+    """The axes of a device, to be drawn: the controls have one number, or one for each axis."""
+
+    names: list[str]
+    unit: str = Field(description="of positions; of rates, the same per second")
+    position: str = Field(description="the control that has the positions")
+    rate: str = Field(description="the control that has the rates")
+
+
 class DeviceInfo(Described):
     """A device."""
 
@@ -52,6 +61,7 @@ class DeviceInfo(Described):
     line: str = Field(description="name of its line")
     power: bool = Field(description="whether its supply is applied")
     state: str = Field(description="what it is doing now, in words")
+    axes: AxesInfo | None = Field(description="null: it has none")
 
 
 class DeviceList(Described):

@@ -88,7 +88,8 @@ class Msc(Family):
             words += "" if packet.unit == self.default_address else f" to {unit}"
             words += f" with {flaws}" if flaws else ""
         is_write = name in codec.WRITES and codec.is_whole(request)
-        return Exchange(words, Effect.VALUE if is_write else Effect.NOTHING)
+        effect = Effect.VALUE if is_write else Effect.NOTHING
+        return Exchange(words, effect, is_refused=reply == codec.NAK)
 
     def driver(self, session: Session, address: int | None = None) -> MscDriver:
         """A unit on the line."""

@@ -16,7 +16,7 @@ from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.core.wording import Effect, Exchange
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
-from axistwin_conformance.families.mac.axis.exchanges import AxisReply
+from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
 from axistwin_conformance.families.mac.axis.snapshot import MacFacts
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
@@ -111,7 +111,8 @@ class MacCan(AxisFamily):
         )
         named = f"{'upload' if index in codec.QUERIES else 'download'} 20{frame.data[1]:02X}h"
         words = request_words(index, int.from_bytes(frame.data[4:], "big"), named) + to
-        return exchange_words(words, index, data)
+        is_refused = any(one.kind is ReplyKind.REFUSED and one.index == index for one in came)
+        return exchange_words(words, index, data)._replace(is_refused=is_refused)
 
     def driver(self, session: Session, address: int | None = None) -> CanDriver:
         """A module on the bus."""

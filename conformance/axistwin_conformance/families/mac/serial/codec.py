@@ -266,11 +266,19 @@ def explain(data: bytes) -> str:
 
 def explain_request(data: bytes) -> str:
     """Put a request, well-formed or not, into words: ``00: 13h go to position 000003E8``."""
+    if len(data) > REQUEST_BYTES and data[0] == data[-REQUEST_BYTES] == STX and data[-1] == ETX:
+        begun, whole = data[:-REQUEST_BYTES], data[-REQUEST_BYTES:]
+        return f"frame broken off after {begun.hex(' ').upper()}, then {explain_request(whole)}"
     if len(data) != REQUEST_BYTES or data[0] != STX or data[20] != ETX:
         return f"no frame ({len(data)} bytes)"
     summed = data[4:18]
     address, index = _text(summed[:2]), _text(summed[2:4])
     return f"{address}: {index}h {_name(summed[2:4])} {_text(summed[6:])}{oddities(data)}"
+
+
+def is_refusal(received: bytes) -> bool:
+    """True for a reply that says that nothing was done."""
+    return bool(received) and parse(received).kind in (ReplyKind.REFUSED, ReplyKind.NACK)
 
 
 def oddities(data: bytes) -> str:

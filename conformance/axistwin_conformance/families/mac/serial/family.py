@@ -81,7 +81,8 @@ class MacSerial(AxisFamily):
         if len(request) != codec.REQUEST_BYTES or not set(request[4:18]) <= codec.DIGITS:
             words = re.sub("^00: ([0-9A-F]{2}h) (.*)$", r"\1 (\2)", codec.explain_request(request))
             words += f": {request.hex(' ').upper()}" if words.startswith("no frame") else ""
-            return Exchange(words, is_altered=request[-1:] != bytes([codec.ETX]))
+            is_altered = request[-1:] != bytes([codec.ETX])
+            return Exchange(words, is_altered=is_altered, is_refused=codec.is_refusal(reply))
         address, index = int(request[4:6], 16), int(request[6:8], 16)
         to = {codec.GENERAL_ADDRESS: " to all (FF)", self.default_address: ""}.get(address)
         words = request_words(index, int(request[10:18], 16))
@@ -93,7 +94,8 @@ class MacSerial(AxisFamily):
             words, odd = f"{words[:-1]}{more})", odd and f", {odd}"
         words += odd.replace(", ", " with ", 1)
         words += f" to module {address:02X}h" if to is None else to
-        return exchange_words(words, index, codec.answer_data(reply))
+        told = exchange_words(words, index, codec.answer_data(reply))
+        return told._replace(is_refused=codec.is_refusal(reply))
 
     def driver(self, session: Session, address: int | None = None) -> SerialDriver:
         """A module on the line."""

@@ -432,9 +432,10 @@ def _judge_far_writes(driver: MscDriver, number: int) -> None:
             driver.session.fail(None, text, f"{exchange}, changed: {is_changed}")
         name, did = ("SFLAG", "turned on") if on else ("CFLAG", "turned off")
         effect = f"flag {number} {'was' if is_changed else 'was not'} {did}"
-        far = f"{name} {number + 256}"
+        before, far = f"{'CFLAG' if on else 'SFLAG'} {number}", f"{name} {number + 256}"
         shown = Observation(
-            f"{far} was answered with {exchange}, and {effect} ({REQUEST} showed it)",
-            causes=(far,),
+            f"after {before}, {far} was answered with {exchange}, and {effect} ({REQUEST} showed"
+            " it)",
+            causes=(before, far),
         )
         driver.reading("flag_out_of_range", readings[kind, is_changed], shown=shown)

@@ -207,7 +207,8 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
         codec.listed(numbers).replace(" ", ", ") for numbers in (slots, seen, values)
     )
     told = Observation(
-        f"after a power cycle, the addresses {places} (DREAD) held {held}, and"
+        "after a power cycle (and a start of the macroprogram, without which some devices answer no"
+        f" DREAD), the addresses {places} (DREAD) held {held}, and"
         f" status bit 2 (RAM MEMORY NOT RELIABLE) was {int(is_shown)} (RQSTAT = {status:04X}h)",
         value=str(seen),
         wanted=f"the values written before ({written}) or bit 2 = 1",

@@ -59,12 +59,13 @@ def judge_pace(driver: MscDriver, names: Names) -> None:
         names,
         f"{count} bytes in {due_ns / MS:.1f} ms",
         Observation(
-            f"the last {count} of the {count + 2} bytes that came back from {REQUEST} (ACK and"
-            f" packet) took {took_ns / MS:.1f} ms"
+            f"of the {count + 2} bytes that came back from {REQUEST} (ACK and packet), the end of"
+            f" the last one came {took_ns / MS:.1f} ms after the end of the second one"
             f" ({took_ns / count * 10 / driver.link.byte_ns:.1f} bits per byte)",
             value=f"{took_ns / MS:.1f} ms",
             wanted=f"{due_ns / MS:.1f} ms ± {spare_ns / MS:.1f} ms (10 bits per byte at 9600"
             " baud, 8N1; the tolerance is the suite's)",
+            by_hand="this shows the bytes; measure their times with a scope or logic analyser",
         ),
     )
 

@@ -6,7 +6,9 @@ from collections.abc import Iterable
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import counted
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
@@ -309,7 +311,16 @@ def the_counter_is_cleared_where_the_axis_stands(session: Session) -> None:
     start = driver.motion.ready(0x0800)
     away = _step_off(driver, start)
     driver.judge.accepted(0x0B)
-    session.expect(driver.client.position() == 0, None, 0, driver.client.position())
+    place = driver.client.position()
+    moved, cleared = driver.client.named(0x13), driver.client.named(0x0B)
+    seen = Observation(
+        f"after {moved} (go to position {away}), once the axis stood there, and {cleared} (position"
+        f" counter reset), {REQUEST} read {counted(place, 'increment')}",
+        value=str(place),
+        wanted="0 increments",
+        causes=(f"{moved} (", f"{cleared} ("),
+    )
+    session.expect(place == 0, None, 0, seen)
     driver.motion.finish(driver.motion.go(90))
     driver.motion.finish(driver.motion.go(0))
     _put_origin_back(driver, away)

@@ -41,6 +41,10 @@ UNDER_TO_VV: Final = 0x39  # MAC23: 11.88 V
 NO_THRESHOLDS: Final = "the manual gives no thresholds for this model (MACS-AMB-56)"
 FIRST_WITH_MEMORY: Final = 0x0704  # hh.7 exists from release 7.4 on, if 24h spells it so
 
+PARAMETERS_STAY: Final = (
+    "After a fault the motor is unpowered and motion commands are refused until 00h or a power"
+    " cycle. That parameters can still be set is concluded from it."
+)
 STARTING: Final = (0x13, 0x14, 0x15, 0x16, 0x19, 0x1E)
 OTHER_MOTION: Final = (0x10, 0x11, 0x17, 0x18, 0x1A)  # refused too, or not: MACS-AMB-33
 
@@ -260,8 +264,10 @@ def _judge_parameters(driver: AxisDriver, cause: Cause) -> None:
             replace(
                 seen,
                 clause=f'at rest, with the fault "{cause.words}" active ({active}), {seen.clause}',
-                wanted=f"{wanted}, because a fault locks motion commands only and"
+                wanted=f"{wanted}, because a fault locks motion commands and"
                 f" {driver.client.named(index)} sets a parameter",
+                causes=(driver.client.named(0x21).removeprefix("query "),),
+                rule=PARAMETERS_STAY,
                 is_whole=True,
             ),
         )

@@ -19,6 +19,7 @@ from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import MOVES
+from axistwin_conformance.families.mac.axis.words import TICK
 
 ORDER = 160  # of this module in a run; see `Family.modules`
 
@@ -129,7 +130,7 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
 
 
 def _overrun_seen(
-    session: Session,
+    driver: AxisDriver,
     side: SoftwareStop,
     name: str,
     start: int,
@@ -140,16 +141,19 @@ def _overrun_seen(
     stop = start + side.direction * 50
     which = "superior" if side.direction > 0 else "inferior"
     clause = (
-        f"after {name} from position {start}, the axis stood"
-        f" {counted(place - 50, 'increment')} beyond the"
-        f" {which} software stop ({side.index:02X}h = {stop}), at {REQUEST} ="
+        f"after {name} from position {start}, with 0Dh = {driver.motion.period} {TICK} an increment"
+        f" and without a ramp (0Fh = 0), the axis came to rest {counted(place - 50, 'increment')}"
+        f" beyond the {which} software stop ({side.index:02X}h = {stop}), at {REQUEST} ="
         f" {start + side.direction * place} increments"
     )
-    before = earlier(session, OVERRUN, "09h")  # nothing unless it was a number
+    before = earlier(driver.session, OVERRUN, "09h")  # nothing unless it was a number
     wanted = f"{due[0] - 50}..{due[1] - 50} increments beyond it"
     if before:
-        clause += f", but {due[1] - 50} beyond the superior one (09h) earlier in this run"
-        wanted = "the same distance on both sides"
+        clause += (
+            f", but {due[1] - 50} beyond the superior one (09h) earlier in this run, slow and"
+            " fast alike"
+        )
+        wanted = "the same distance on both sides (concluded by the suite: one rule for both stops)"
     return Observation(
         clause,
         value=str(place),
@@ -184,7 +188,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
                 is_right,
                 names,
                 f"{name} at rest {least} to {most} increments on: the stop is 50 ahead",
-                partial(_overrun_seen, session, side, name, start, place, (least, most)),
+                partial(_overrun_seen, driver, side, name, start, place, (least, most)),
             )
             # How far it runs on may not be known: then one place may be due to either reading.
             fitting = [number for number in (0, 1) if least + 1 - number <= place <= most - number]

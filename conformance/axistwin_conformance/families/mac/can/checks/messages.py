@@ -332,7 +332,7 @@ def _judge_silence(driver: CanDriver) -> None:
     came = " ".join(str(arrival.frame) for arrival in (late, stray) if arrival is not None)
     driver.session.expect(
         not came,
-        ("MACC-EMCY-01", "MACC-EMCY-03"),
+        "MACC-EMCY-01" if late is not None else ("MACC-EMCY-01", "MACC-EMCY-03"),
         "a lifebeat after ten seconds of silence, or never one",
         partial(_late_seen, driver, late, came),
     )

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
-from axistwin_conformance.base.errors import counted
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange, Part
@@ -373,7 +372,7 @@ def stx_begins_anew(session: Session) -> None:
     for cut in range(1, len(frame)) if session.target.is_virtual else (1, 4, 10, 20):
         exchange = driver.client.send(frame[:cut] + frame)
         seen = driver.client.observed(exchange)
-        part = counted(cut, "byte")
+        part = frame[:cut].hex(" ").upper()
         clause = seen.clause.replace(
             REQUEST, f"a whole 20h query, sent after a frame broken off after {part},"
         )
@@ -383,7 +382,7 @@ def stx_begins_anew(session: Session) -> None:
             "an answer",
             replace(
                 seen,
-                clause=f"{clause} ({exchange.request.hex(' ').upper()})",
+                clause=clause,
                 wanted="an answer, because each Stx (02h) begins a new frame",
                 is_whole=True,
             ),

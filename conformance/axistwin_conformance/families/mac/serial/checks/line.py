@@ -59,10 +59,11 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
         "MACS-CMD-00-02",
         f"no answer for {DEAF_MS[0]}..{DEAF_MS[-1]} ms after 00h",
         Observation(
-            f"the module answered {REQUEST} {deaf_ms} ms after the end of 00h (module init)",
+            f"{REQUEST}, whose last byte came {deaf_ms} ms after that of 00h (module init), was the"
+            " first query to be answered",
             value=f"the first answer after {deaf_ms} ms",
-            wanted=f"no answer for 2 s (accepted: {DEAF_MS[0]}..{DEAF_MS[-1]} ms, because the"
-            " manual gives no tolerance)",
+            wanted="no answer to what comes within 2 s, and answers from then on (accepted:"
+            f" {DEAF_MS[0]}..{DEAF_MS[-1]} ms, because the manual gives no tolerance)",
             causes=("00h",),
         ),
     )

@@ -151,7 +151,8 @@ def refusals_change_nothing(session: Session) -> None:
     move goes on unchanged."""
     driver = SerialDriver(session)
     start = driver.motion.ready(SLOWEST)
-    forecast = driver.motion.go(start + driver.limits.way_outlasting(60, SLOWEST, 8))
+    target = start + driver.limits.way_outlasting(60, SLOWEST, 8)
+    forecast = driver.motion.go(target)
     wrong = driver.client.send(driver.client.request(0x13, start - 500).with_wrong_checksum())
     driver.judge.must(ReplyKind.NACK, wrong, "MACS-REPLY-06")
     names = ("MACS-REPLY-03", "MACS-REPLY-05", "MACS-CMD-13-02")
@@ -177,11 +178,11 @@ def refusals_change_nothing(session: Session) -> None:
         ("MACS-REPLY-05", "MACS-CMD-0D-02"),
         "period FFFF as before",
         Observation(
-            f"0Dh (maximum-speed period {asked} {TICK}) was {lock.reply} during a move, yet"
-            f" {REQUEST} then showed {kept} {TICK}",
+            f"0Dh (maximum-speed period {asked} {TICK}) was {lock.reply} during a move (13h, go to"
+            f" position {target}), yet {REQUEST} then showed {kept} {TICK}",
             value=f"period {kept:04X}",
             wanted=f"{SLOWEST} {TICK}, the value before it",
-            causes=("0Dh",),
+            causes=(f"13h (go to position {target})", "0Dh"),
         ),
     )
     place = driver.client.position()

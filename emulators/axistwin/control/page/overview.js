@@ -1,0 +1,44 @@
+// All lines, and the devices on them.
+
+import { ask, watch } from "./api.js";
+import { make, shown, write } from "./dom.js";
+
+export async function overview(link) {
+  const [{ lines }, { devices }] = await Promise.all([ask("lines"), ask("devices")]);
+  const cards = new Map(devices.map((each) => [each.name, makeCard(each)]));
+  const failures = new Map();
+  const sections = lines.map((line, index) => {
+    const failure = make("p", { class: "failure", role: "alert" }, failureText(line.failure));
+    failures.set(line.name, failure);
+    const found = line.endpoints.map((each) => `${each.kind} ${each.url}`).join(", ");
+    return make("section", { "aria-labelledby": `line-${index}` },
+      make("h2", { id: `line-${index}` }, `Line of ${line.name}`),
+      make("p", { class: "doc" }, found || "no port"), failure,
+      make("ul", { class: "cards" }, ...line.devices.filter((each) => cards.has(each)).map((each) => cards.get(each).element)));
+  });
+  const hear = (event) => {
+    if (event.event === "line" && event.kind === "line_failed") write(failures.get(event.line), failureText("it has just failed"));
+    else if (event.values) cards.get(event.device)?.show(event.values);
+  };
+  const element = make("div", {}, make("h1", { tabindex: -1 }, "Devices"), ...sections);
+  return { title: "Devices", element, leave: watch([], hear, link) };
+}
+
+const failureText = (reason) => (reason ? `Not served any more: ${reason}` : "");
+
+function makeCard(device) {
+  const values = { power: device.power, state: device.state };
+  const state = make("span", { class: "state" });
+  const position = make("span", { class: "value" });
+  const element = make("li", {}, make("a", { class: "card", href: `#/device/${encodeURIComponent(device.name)}` },
+    make("span", { class: "name" }, device.name), state, position));
+  const show = (changed) => {
+    Object.assign(values, changed);
+    write(state, values.power ? values.state : "power off");
+    state.classList.toggle("off", !values.power);
+    const where = device.axes && values[device.axes.position];
+    write(position, where === null || where === undefined ? "" : `${shown(where)} ${device.axes.unit}`);
+  };
+  show({});
+  return { element, show };
+}

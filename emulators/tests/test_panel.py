@@ -1,0 +1,214 @@
+"""The front panel in a browser: the axis and its switches, the supply, keyboard, width, token."""
+
+import shutil
+from collections.abc import Iterator
+from typing import Literal
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from served_control import TIMEOUT_S, ServedControl
+
+from axistwin.control.panel import HEADERS, read_page
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+TOKEN = "+/0123456789abcdef=?"
+BOARD = "mn400:1"
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (apt-get install chromium)"),
+]
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[ServedControl]:
+    """Devices with one axis, with four, and with none."""
+    with ServedControl("mac23:0 mac34-1:5", "msc-250:1", BOARD) as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Chromium without a window."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def context(browser: Browser) -> Iterator[BrowserContext]:
+    """Of one test; at its end nothing may stand on the console but what the test removed."""
+    context = browser.new_context()
+    context.set_default_timeout(TIMEOUT_S * 1000)
+    expect.set_options(timeout=TIMEOUT_S * 1000)
+    complaints: list[str] = []
+    context.on("console", lambda message: complaints.append(message.text))
+    context.on("weberror", lambda error: complaints.append(str(error.error)))
+    yield context
+    context.close()
+    # The browser notes each answer that is an error: those are what some tests are about.
+    assert [each for each in complaints if not each.startswith("Failed to load resource")] == []
+
+
+@pytest.fixture
+def page(context: BrowserContext, served: ServedControl) -> Page:
+    """The panel, with all devices."""
+    page = context.new_page()
+    page.goto(f"{served.server.url}/")
+    return page
+
+
+def show(page: Page, device: str) -> None:
+    """Go to a device by its link."""
+    page.get_by_role("link", name=device).click()
+    expect(page.get_by_role("heading", level=1)).to_have_text(device)
+
+
+def switch(page: Page, control: str) -> None:
+    """Press a switch, and see that it is over."""
+    button = page.locator(f"[data-control='{control}']")
+    was_on = button.get_attribute("aria-checked") == "true"
+    button.click()
+    expect(button).to_have_attribute("aria-checked", str(not was_on).lower())
+
+
+def test_all_devices_are_shown_with_what_they_do(page: Page, served: ServedControl) -> None:
+    """One link each, with the state."""
+    expect(page.locator(".card")).to_have_count(4)
+    served.ask("POST", "devices/mac34-1:5/power", {"action": "off"})
+    expect(page.get_by_role("link", name="mac34-1:5")).to_contain_text("power off")
+    served.ask("POST", "devices/mac34-1:5/power", {"action": "on"})
+    expect(page.get_by_role("link", name="mac34-1:5")).not_to_contain_text("power off")
+
+
+def test_a_limit_switch_stops_the_axis(page: Page) -> None:
+    """It is jogged from the panel, the charts follow, and at the switch it stands."""
+    show(page, BOARD)
+    rates = page.locator("[data-reading='step_rates']")
+    switch(page, "inputs.run_jog")
+    switch(page, "inputs.jog_m1_plus")
+    expect(rates).not_to_have_text("0, 0, 0, 0")
+    expect(page.locator(".chart canvas")).to_have_count(2)
+    switch(page, "inputs.m1_plus")
+    expect(rates).to_have_text("0, 0, 0, 0")
+    expect(page.locator("[data-reading='counters']")).not_to_have_text("0, 0, 0, 0")
+    for control in ("inputs.m1_plus", "inputs.jog_m1_plus", "inputs.run_jog"):
+        switch(page, control)
+
+
+def test_the_supply_is_cut_and_restored(page: Page) -> None:
+    """By the switch, and by the button that does both; the state tells it."""
+    show(page, "mac23:0")
+    switch(page, "power")
+    expect(page.locator("#state")).to_have_text("power off")
+    switch(page, "power")
+    expect(page.locator("#state")).not_to_have_text("power off")
+    page.get_by_role("button", name="Off and on").click()
+    expect(page.locator("#notice")).to_have_text("Power is on")
+
+
+def test_a_field_is_set_and_a_wrong_value_is_explained(page: Page, served: ServedControl) -> None:
+    """The browser lets none through; what the daemon answers stands in the alert."""
+    show(page, "mac23:0")
+    page.get_by_label("Supply volts", exact=True).fill("18.5")
+    page.get_by_role("button", name="Set Supply volts").click()
+    expect(page.locator("#notice")).to_contain_text("18.5 V")
+    assert served.get("devices/mac23:0/state")["values"]["supply_volts"] == 18.5
+    served.ask("PUT", "devices/mac23:0/controls/supply_volts", {"value": 24.0})
+    field = page.get_by_label("Supply volts", exact=True)
+    expect(field).to_have_value("24")
+    field.fill("5000")
+    page.get_by_role("button", name="Set Supply volts").click()
+    assert served.get("devices/mac23:0/state")["values"]["supply_volts"] == 24.0
+    field.evaluate("field => field.form.noValidate = true")
+    page.get_by_role("button", name="Set Supply volts").click()
+    expect(page.get_by_role("alert")).to_contain_text("0..1000 V")
+
+
+def test_one_of_many_is_read_and_set_by_its_number(page: Page, served: ServedControl) -> None:
+    """A flag of an MSC."""
+    show(page, "msc-250:1")
+    form = page.get_by_role("region", name="Flags").locator("form")
+    form.get_by_label("Number").fill("200")
+    form.get_by_role("button", name="Set").click()
+    expect(page.locator("#notice")).to_contain_text("200: set to on")
+    assert served.get("devices/msc-250:1/controls/flags.200")["name"] == "flags.200"
+    form.get_by_role("button", name="Read").click()
+    expect(page.locator("#notice")).to_have_text("flags 200 is on")
+
+
+def test_events_are_paused_and_filtered(page: Page, served: ServedControl) -> None:
+    """What comes in the pause is shown after it."""
+    show(page, "mac23:0")
+    entries = page.locator(".log li")
+    page.get_by_role("button", name="Pause").click()
+    served.ask("POST", "devices/mac23:0/power", {"action": "cycle"})
+    expect(page.locator("#state")).to_contain_text("starting up")
+    expect(entries).to_have_count(0)
+    page.get_by_role("button", name="Pause").click()
+    expect(entries).not_to_have_count(0)
+    page.get_by_label("Filter").fill("nothing is called so")
+    expect(entries.first).to_be_hidden()
+
+
+def test_the_keyboard_alone_is_enough(page: Page) -> None:
+    """To a device, to its first switch, and there and back."""
+    expect(page.locator(".card")).to_have_count(4)
+    page.get_by_role("link", name="mac23:0").focus()
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", level=1)).to_be_focused()
+    reference = page.get_by_role("switch", name="Reference")
+    for _ in range(20):
+        page.keyboard.press("Tab")
+        if reference.evaluate("each => each === document.activeElement"):
+            break
+    expect(reference).to_be_focused()
+    for checked in ("true", "false"):
+        page.keyboard.press("Space")
+        expect(reference).to_have_attribute("aria-checked", checked)
+
+
+@pytest.mark.parametrize("device", ["", "mac23:0", "msc-250:1", BOARD])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_it_all_and_axe_finds_nothing(
+    page: Page, device: str, scheme: Literal["light", "dark"]
+) -> None:
+    """At 390 pixels nothing is scrolled sideways; names, roles and contrast are right."""
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": 390, "height": 844})
+    expect(page.locator(".card")).to_have_count(4)
+    if device:
+        show(page, device)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    found = Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+
+
+def test_nothing_is_loaded_from_elsewhere(page: Page, served: ServedControl) -> None:
+    """All requests go to the daemon; its pages forbid all else."""
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    answer = page.reload()
+    expect(page.locator(".card")).to_have_count(4)
+    assert answer is not None
+    assert answer.headers["content-security-policy"] == HEADERS["Content-Security-Policy"]
+    assert len(asked) >= len(read_page()) - 3  # without itself, the licence, and the icon
+    assert [url for url in asked if not url.startswith(served.server.url)] == []
+
+
+def test_a_daemon_with_a_token_is_worked_with_it(context: BrowserContext) -> None:
+    """The panel asks for it, for requests and events; a wrong one is asked for again."""
+    with ServedControl("mac23:0", token=TOKEN) as served:
+        page = context.new_page()
+        page.goto(f"{served.server.url}/")
+        for token in ("0123456789abcdef", TOKEN):
+            page.get_by_label("Token").fill(token)
+            page.get_by_role("button", name="Go on").click()
+            wrong = page.get_by_text("is not the daemon's")
+            expect(wrong).to_have_count(0 if token == TOKEN else 1)
+        expect(page.locator("#connection")).to_have_text("live")
+        show(page, "mac23:0")
+        switch(page, "inputs.reset")
+        context.close()
