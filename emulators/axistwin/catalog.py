@@ -109,6 +109,11 @@ def all_settings(
     return {**read_profile(profile, {spec.model for spec in specs}), **quirks}
 
 
+def check_quirk(specs: Iterable[DeviceSpec], name: str, value: Value) -> None:
+    """Raise UsageError unless a model of ``specs`` has the quirk ``name`` with this ``value``."""
+    _check_quirks([find_model(spec.model) for spec in specs], {name: value})
+
+
 def parse_programs(texts: Iterable[str]) -> dict[int | None, ProgramSource]:
     """``PROGRAM`` or ``UNIT=PROGRAM`` texts by unit, None for all.  Raises UsageError.
 

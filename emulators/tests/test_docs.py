@@ -70,7 +70,7 @@ def test_the_generated_reference_is_fresh() -> None:
 
 @pytest.mark.system
 @pytest.mark.parametrize(
-    "name", ["", "run", "ctl", "models", "conform", "doctor", "decode", "plot"]
+    "name", ["", "run", "rack", "ctl", "models", "conform", "doctor", "decode", "plot"]
 )
 def test_the_reference_shows_how_help_is_asked_for(name: str) -> None:
     """As the program shows it: `-h` is known everywhere."""
@@ -146,7 +146,7 @@ def test_the_readme_names_every_command_and_both_scripts() -> None:
     """A newcomer meets scripts/run, scripts/test and each command of the program."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     commands = (
-        *("axistwin run", "ctl", "send", "decode", "plot", "tap", "replay"),
+        *("axistwin run", "rack", "ctl", "send", "decode", "plot", "tap", "replay"),
         *("models", "doctor", "conform"),
     )
     for words in ("scripts/run", "scripts/test", *commands):

@@ -16,6 +16,7 @@ from axistwin.runtime.clock import PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.serving.live import LineTold, Live, RackEvent
 from axistwin.runtime.serving.rack import Rack, RackDevice
 from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemorySlot
@@ -170,3 +171,36 @@ def test_what_servers_report_is_told_with_the_line(tmp_path: Path) -> None:
     assert eventually(lambda: len(told) == 2)
     rig.rack.stop()
     assert told == [("toy:0~2", "connected"), ("toy:0~2", "disconnected")]
+
+
+def test_lines_come_and_go_while_the_others_are_served(tmp_path: Path) -> None:
+    """A watcher hears of it, and looks at what is gone no more; the name is free again."""
+    rig = Rig(tmp_path, 2)
+    live = Live(rig.rack)
+    heard: list[RackEvent] = []
+    rig.rack.start()
+    leave = rig.rack.do(
+        "toy:0", lambda device: live.watch(["toy:0", "toy:0~2"], heard.append)
+    ).result(TIMEOUT_S)
+    rig.rack.do("toy:0", lambda device: rig.rack.remove("toy:0~2")).result(TIMEOUT_S)
+    assert not Path(rig.links[1]).is_symlink()
+    assert list(rig.rack.lines) == list(rig.rack.devices) == ["toy:0"]
+    assert [(each.line, each.kind) for each in heard if isinstance(each, LineTold)] == [
+        ("toy:0~2", "line_removed")
+    ]
+    assert rig.asks(0) == bytes(4)
+    with pytest.raises(UnknownNameError):
+        rig.rack.do("toy:0~2", name_of).result(TIMEOUT_S)
+
+    def add(device: RackDevice) -> None:
+        simulation = rig.rack.lines["toy:0"].simulation
+        port = PtyPort(rig.links[1], LineFormat(38400))
+        server = Server(simulation, [port], loop=rig.rack.loop)
+        rig.rack.add(server, "press").open()
+        server.begin()
+
+    rig.rack.do("toy:0", add).result(TIMEOUT_S)
+    assert rig.rack.find("toy:0@press").line == "press"
+    assert rig.rack.do_all(name_of).result(TIMEOUT_S) == ["toy:0", "toy:0@press"]
+    rig.rack.do("toy:0", lambda device: leave()).result(TIMEOUT_S)
+    rig.rack.stop()

@@ -35,6 +35,10 @@ _OWN = {
         "axistwin.cli.run.command",
         "Run twins on a serial line or a CAN bus that any program can open.",
     ),
+    "rack": (
+        "axistwin.cli.rack.command",
+        "Run the lines and buses of a file in one process.",
+    ),
     "ctl": (
         "axistwin.cli.ctl",
         "Work inputs, supply, power and faults of a running daemon.",
@@ -185,6 +189,7 @@ def main() -> None:
     axistwin run mac23                 a MAC23 at ./mac23, for any serial program
     axistwin run mac23:0 mac34-1:5     two modules on one line
     axistwin run mac23-can             a MAC23 on vcan0, or an slcan adapter
+    axistwin rack bench.toml           many lines and buses, one process
     axistwin ctl mac23 power cycle     work a run that has --control
     axistwin send ./mac23 'go to 125'  one command in words, and the reply
     axistwin decode mac23 capture.txt  recorded bytes in words

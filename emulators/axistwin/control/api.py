@@ -39,7 +39,7 @@ from axistwin.errors import UnknownNameError, UsageError
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.control_access import BoundControl
 from axistwin.runtime.serving.live import Live
-from axistwin.runtime.serving.rack import Rack, RackDevice
+from axistwin.runtime.serving.rack import AnyServer, Rack, RackDevice
 
 ANSWER_S: Final = 10.0
 """How long the loop may take; it is busy for much less."""
@@ -94,13 +94,12 @@ class Api:
 
     async def lines(self) -> LineList:
         """Where each is found, and whether it is still served."""
-        return LineList(lines=[self._line(name) for name in self._rack.lines])
+        return LineList(lines=[self._line(*each) for each in self._rack.lines.items()])
 
-    def _line(self, name: str) -> LineInfo:
-        server = self._rack.lines[name]
+    def _line(self, name: str, server: AnyServer) -> LineInfo:
         return LineInfo(
             name=name,
-            devices=[each.name for each in self._rack.devices.values() if each.line == name],
+            devices=[each.name for each in self._rack.on_line(name)],
             endpoints=[EndpointInfo(kind=port.kind, url=port.url) for port in server.ports],
             failure=None if server.failure is None else str(server.failure),
         )

@@ -17,7 +17,6 @@ import click
 from axistwin.cli.run.outlet import Outlet
 
 if TYPE_CHECKING:
-    from axistwin.runtime.any_twin import AnyTwin
     from axistwin.runtime.serving.base_server import Endpoint
 
 
@@ -79,13 +78,15 @@ class Reporter:
         self._stderr.put(_encoded(f"axistwin: {message}\n", sys.stderr.encoding))
 
     def ready(
-        self, twins: Sequence[AnyTwin], ports: Sequence[Endpoint], control: str | None = None
+        self, devices: Sequence[str], ports: Sequence[Endpoint], control: str | None = None
     ) -> None:
-        """One event per device: clients can connect; ``control``: the URL of the control API."""
-        for index, twin in enumerate(twins):
+        """One event per device of a line, by its name: clients can connect.
+
+        control: the URL of the control API.
+        """
+        for index, device in enumerate(devices):
             own = [port for port in ports if getattr(port, "device_index", index) == index]
             endpoints = [{"endpoint": port.kind, "url": port.url} for port in own]
-            device = f"{twin.model}:{twin.address}"  # which may have been changed and stored
             if self._as_json:
                 event = {"device": device, **endpoints[0], "endpoints": endpoints}
                 more = {} if control is None else {"control": control}

@@ -50,13 +50,10 @@ class SerialRun(Run[Line]):
         self._baud = baud
         self._programs = programs
 
-    def watching(self) -> AbstractContextManager[None]:
-        """The programs, if there are any."""
-        if not self._programs:
-            return super().watching()
-        from axistwin.cli.run.watchdog import watching_programs
-
-        return watching_programs()
+    @property
+    def has_programs(self) -> bool:
+        """Whether some were named."""
+        return bool(self._programs)
 
     def build(self) -> Line:
         """The line with its modules."""

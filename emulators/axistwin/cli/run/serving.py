@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from axistwin.cli.extras import needed
@@ -50,14 +51,7 @@ class Shared:
             if self.control_token_file is not None:
                 raise UsageError("--control-token-file goes with --control HOST:PORT")
             return None
-        try:
-            from axistwin.control.server import ControlServer
-        except ImportError as error:
-            raise UsageError(
-                f"--control: {error.name} is missing; install what it needs: "
-                f"pip install {needed(error.name)}"
-            ) from None
-        return ControlServer(rack, self.control, find_token(self.control_token_file, os.environ))
+        return make_control_server(rack, self.control, self.control_token_file)
 
     def arguments(self, specs: Sequence[DeviceSpec], *, paced: bool = True) -> dict[str, Any]:
         """For ``build_line`` or ``build_bus`` of the catalog; ``paced``: what may take time does.
@@ -80,6 +74,18 @@ class Shared:
         }
 
 
+def make_control_server(rack: Rack, address: str, token_file: str | None) -> ControlServer:
+    """The control server of ``rack`` at ``address``, not open yet.  Raises UsageError."""
+    try:
+        from axistwin.control.server import ControlServer
+    except ImportError as error:
+        raise UsageError(
+            f"--control: {error.name} is missing; install what it needs: "
+            f"pip install {needed(error.name)}"
+        ) from None
+    return ControlServer(rack, address, find_token(token_file, os.environ))
+
+
 class Run(ABC, Generic[SimulationT]):
     """What differs from one carrier to the next."""
 
@@ -87,9 +93,10 @@ class Run(ABC, Generic[SimulationT]):
         self.specs = specs
         self.shared = shared
 
-    def watching(self) -> AbstractContextManager[None]:
-        """What watches over the run, from before ``build``."""
-        return contextlib.nullcontext()
+    @property
+    def has_programs(self) -> bool:
+        """Whether programs of the user run in it."""
+        return False
 
     @abstractmethod
     def build(self) -> SimulationT:
@@ -115,49 +122,119 @@ class Run(ABC, Generic[SimulationT]):
         """Say what the user may not expect."""
 
 
-def perform(run: Run[SimulationT], reporter: Reporter) -> int:
-    """Serve until a signal ends it; the exit status.  Raises UsageError, StateError, PortError."""
-    capture = run.shared.capture
+class HostedLines:
+    """The lines and buses of one ``rack``, each from being built to being closed."""
 
-    def capture_lost(reason: str) -> None:
-        reporter.lose(
+    def __init__(self, reporter: Reporter) -> None:
+        self.rack = Rack()
+        self.reporter = reporter
+        self._stacks: dict[str, contextlib.ExitStack] = {}
+        self._watching = contextlib.ExitStack()
+        self._watches_programs = False
+
+    def add(
+        self,
+        run: Run[SimulationT],
+        line: str = "",
+        prepare: Callable[[SimulationT], object] = lambda simulation: None,
+    ) -> str:
+        """Build what ``run`` asks for, not open yet; what it is called (``line``, if given).
+
+        prepare: called before it is served.  Raises UsageError and StateError; nothing is left
+        then.
+        """
+        if run.has_programs and not self._watches_programs:
+            from axistwin.cli.run.watchdog import watching_programs
+
+            self._watching.enter_context(watching_programs())
+            self._watches_programs = True
+        with contextlib.ExitStack() as stack:
+            simulation = run.build()
+            stack.push(simulation)
+            prepare(simulation)
+            server = run.serve(simulation, self.reporter, self.rack.loop)
+            stack.callback(server.close)
+            capture = run.shared.capture
+            if capture is not None:
+                lost = partial(self._lose_capture, capture)
+                stack.enter_context(run.recording(simulation, capture, server.loop, lost))
+            self.rack.add(server, line)
+            name = next(name for name, each in self.rack.lines.items() if each is server)
+            self._stacks[name] = stack.pop_all()
+        return name
+
+    def remove(self, line: str) -> None:
+        """Serve ``line`` no more; its state is saved.  Raises StateError if that fails."""
+        self.rack.remove(line)
+        self._stacks.pop(line).close()
+
+    def close(self) -> None:
+        """Close all lines; only when the rack does not run."""
+        with contextlib.ExitStack() as rest:
+            rest.callback(self.rack.close)
+            rest.push(self._watching.pop_all())
+            for stack in self._stacks.values():
+                rest.push(stack)
+            self._stacks.clear()
+
+    def warn_of_surprises(self, run: Run[Any], line: str) -> None:
+        """Say what the user may not expect of ``line``, which is open."""
+        server = self.rack.lines[line]
+        warn_of_listeners(server.ports)
+        run.warn_of_surprises(server.simulation)
+
+    def serve(self, control: ControlServer | None, on_ready: Callable[[], None]) -> None:
+        """Serve what is open until a signal ends it.
+
+        on_ready: called when clients can connect.
+        """
+
+        def ready() -> None:
+            if control is not None:
+                control.serve()
+            on_ready()
+            systemd.notify("READY=1")
+
+        try:
+            self.rack.run(on_ready=ready)
+        finally:
+            systemd.notify("STOPPING=1")
+
+    def _lose_capture(self, capture: str, reason: str) -> None:
+        self.reporter.lose(
             f"capture {capture}: cannot be written any more ({reason}); recording has ended, "
             "the modules go on",
             {"event": "capture_lost", "file": capture, "reason": reason},
         )
 
-    with contextlib.closing(reporter), contextlib.closing(Rack()) as rack:
-        # During the start: it ends when it can.
-        rack.loop.install_signal_handlers(stop_signals())
-        with (
-            run.watching(),
-            run.build() as simulation,
-            contextlib.closing(rack.add(run.serve(simulation, reporter, rack.loop))) as server,
-            contextlib.ExitStack() as beside,
-        ):
-            if capture is not None:
-                beside.enter_context(run.recording(simulation, capture, server.loop, capture_lost))
+
+VOLATILE = "memory is volatile and ends with this run"
+
+
+def perform(run: Run[SimulationT], reporter: Reporter) -> int:
+    """Serve until a signal ends it; the exit status.  Raises UsageError, StateError, PortError."""
+    with contextlib.closing(reporter):
+        with contextlib.closing(HostedLines(reporter)) as lines, contextlib.ExitStack() as beside:
+            rack = lines.rack
+            # During the start: it ends when it can.
+            rack.loop.install_signal_handlers(stop_signals())
+            line = lines.add(run)
             control = run.shared.control_server(rack)
             rack.open()
             if control is not None:
                 beside.callback(control.close)
                 control.open()
-            warn_of_listeners(server.ports)
-            run.warn_of_surprises(simulation)
-            if simulation.is_volatile:
-                warn("memory is volatile and ends with this run; --state DIR keeps it")
+            lines.warn_of_surprises(run, line)
+            server = rack.lines[line]
+            if server.simulation.is_volatile:
+                warn(f"{VOLATILE}; --state DIR keeps it")
 
             def on_ready() -> None:
-                if control is not None:
-                    control.serve()
-                url = None if control is None else control.url
-                reporter.ready(simulation.twins, server.ports, url)
-                systemd.notify("READY=1")
+                # The address may have been changed and stored.
+                names = [f"{twin.model}:{twin.address}" for twin in server.simulation.twins]
+                reporter.ready(names, server.ports, None if control is None else control.url)
 
-            try:
-                rack.run(on_ready=on_ready)
-            finally:
-                systemd.notify("STOPPING=1")
+            lines.serve(control, on_ready)
         reporter.stopped()
     return EXIT_USAGE if reporter.has_lost else 0
 

@@ -47,11 +47,11 @@ def _call_of_program(frame: FrameType | None) -> FrameType | None:
 
 @contextlib.contextmanager
 def watching_programs() -> Iterator[None]:
-    """Watch what runs in this thread, the main one, in the block."""
+    """Watch what runs in this thread, the main one, in the block; also inside such a block."""
     before = signal.signal(signal.SIGALRM, _Watchdog().look)
-    signal.setitimer(signal.ITIMER_REAL, 1.0, 1.0)
+    timer_before = signal.setitimer(signal.ITIMER_REAL, 1.0, 1.0)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.setitimer(signal.ITIMER_REAL, *timer_before)
         signal.signal(signal.SIGALRM, before)

@@ -94,8 +94,8 @@ class Live:
         """Tell ``watcher`` of ``devices`` and of all lines; call what is returned to end that."""
         self._watchers.append(watcher)
         for name in devices:
-            device = self._rack.devices[name]
-            if device.server.failure is None:
+            device = self._rack.devices.get(name)  # its line may just have been removed
+            if device is not None and device.server.failure is None:
                 self._watch_device(device, watcher)
         if not self._is_looking:
             self._is_looking = True
@@ -119,6 +119,10 @@ class Live:
         details = {name: value for name, value in event.items() if name != "event"}
         for watcher in tuple(self._watchers):
             watcher(LineTold(line, str(event["event"]), details))
+        if event["event"] == "line_removed":
+            gone = [name for name, each in self._watched.items() if each.device.line == line]
+            for name in gone:
+                self._watched.pop(name).unsubscribe()
 
     # -- the devices --------------------------------------------------------------------------
 

@@ -21,8 +21,9 @@ import select
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import count
+from types import MappingProxyType
 from typing import Any, Protocol, TypeAlias
 
 _EVENTS_MAX = 64
@@ -113,15 +114,25 @@ class Loop:
         due_s = time.monotonic() + delay_s
         heapq.heappush(self._later, (due_s, next(self._numbers), lambda: callback(*arguments)))
 
-    def install_signal_handlers(self, stop_on: Sequence[signal.Signals]) -> None:
+    def install_signal_handlers(
+        self,
+        stop_on: Sequence[signal.Signals],
+        calls: Mapping[signal.Signals, Callback] = MappingProxyType({}),
+    ) -> None:
         """From now on these signals make ``run`` return, until ``close``; in the main thread, once.
 
-        One before ``run`` makes it return at once; a second one before the loop ``has_server`` is
-        KeyboardInterrupt: the start takes too long.
+        calls: what other signals have called in ``run``, soon.
+
+        One of ``stop_on`` before ``run`` makes it return at once; a second one before the loop
+        ``has_server`` is KeyboardInterrupt: the start takes too long.
         """
         # Also wakes for a signal that comes between the last instruction and the wait.
         self._wakeup_before = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
         self._signals = {number: signal.signal(number, self._stop_by_signal) for number in stop_on}
+        for number, callback in calls.items():
+            self._signals[number] = signal.signal(
+                number, lambda *_, callback=callback: self.call_soon(callback)
+            )
 
     def _stop_by_signal(self, number: int, frame: object) -> None:
         if self._is_stopped and not self.has_server:

@@ -4,10 +4,12 @@ Rules
 -----
 1. A line (or bus) that fails ends alone: its ports are closed, it reports ``line_failed``, and the
    others go on.  When none is left, ``run`` raises why the last one has ended.
-2. Names are unique: a device that is called as an earlier one, on a line where two collide or on
-   another one, gets a number behind its name: ``mac23:0~2``.
+2. Names are unique.  On a line with a name of its own a device has that too: ``mac23:0@press``.  A
+   device that is called as an earlier one gets a number behind its name: ``mac23:0~2``.
 3. ``do`` has something done to a device in the loop's thread, where programs are watched and
    nothing else happens meanwhile; whoever asks, in another thread, gets a future.
+4. Lines may come and go while it runs, in the loop's thread.  ``lines`` and ``devices`` are
+   replaced then and never changed, so that any thread may read them.
 """
 
 import contextlib
@@ -56,17 +58,20 @@ class Rack:
         self._thread: threading.Thread | None = None
         self._is_closed = False
 
-    def add(self, server: ServerT) -> ServerT:
+    def add(self, server: ServerT, line: str = "") -> ServerT:
         """Take ``server``, which is made for this rack's loop, and its devices; it is returned.
 
-        The line is called as the first device on it.
+        line: what it is called, like no other; else as the first device on it.  While the rack
+        runs, whoever adds a server opens it and lets it begin.
         """
-        line = ""
+        devices = dict(self.devices)
+        behind = f"@{line}" if line else ""
         for twin in server.simulation.twins:
-            name = _unique(twin.name, self.devices)
+            name = _unique(f"{twin.name}{behind}", devices)
             line = line or name
-            self.devices[name] = RackDevice(name, line, twin, server)
-        self.lines[line] = server
+            devices[name] = RackDevice(name, line, twin, server)
+        assert line not in self.lines, f"there is a line {line}"
+        self.devices, self.lines = devices, {**self.lines, line: server}
         own_report = server.report
 
         def report(event: Mapping[str, object]) -> None:
@@ -77,6 +82,22 @@ class Rack:
         server.report = report
         server.on_failure = lambda error: self._line_failed(line, error)
         return server
+
+    def remove(self, line: str) -> None:
+        """Serve ``line`` no more, and forget its devices; subscribers hear ``line_removed``."""
+        server = self.lines[line]
+        names = [each.name for each in self.on_line(line)]
+        self.lines = {name: each for name, each in self.lines.items() if name != line}
+        self.devices = {
+            name: each for name, each in self.devices.items() if each.server is not server
+        }
+        server.close()
+        for subscriber in self._subscribers:
+            subscriber(line, {"event": "line_removed", "devices": names})
+
+    def on_line(self, line: str) -> list[RackDevice]:
+        """The devices on ``line``, in their order."""
+        return [each for each in self.devices.values() if each.line == line]
 
     def subscribe(self, subscriber: Callable[[str, Mapping[str, object]], None]) -> None:
         """Tell ``subscriber`` what any server reports, with its line; in the loop's thread."""
@@ -223,7 +244,7 @@ class Rack:
             ready.set()
 
     def _line_failed(self, line: str, error: Exception) -> None:
-        devices = [each.name for each in self.devices.values() if each.line == line]
+        devices = [each.name for each in self.on_line(line)]
         if all(server.failure is not None for server in self.lines.values()):
             self._failure = error
             self.loop.stop()

@@ -1,0 +1,1 @@
+"""``axistwin rack``: the lines and buses of a file in one process."""
