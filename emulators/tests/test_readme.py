@@ -26,7 +26,7 @@ BLOCKS = re.findall(r"```console\n(.*?)```", README, re.DOTALL)
 LINES = [line for block in BLOCKS for line in re.findall(r"^\$ (.*)$", block, re.MULTILINE)]
 COMMANDS = [words for line in LINES if (words := shlex.split(line, comments=True))[0] == "axistwin"]
 AT_THE_PORTS = re.findall(r"^\| `(\./[\w-]+)`.*`axistwin (send [^`]+)` \|$", README, re.MULTILINE)
-ASKING = ("send", "decode", "plot", "models", "doctor")
+ASKING = ("send", "decode", "replay", "plot", "models", "doctor")
 ELSEWHERE = ("scripts/run", "scripts/test")
 """What other tests run."""
 
