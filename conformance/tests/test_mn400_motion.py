@@ -68,6 +68,7 @@ def replies(command: str, code: int) -> Make:
     return lambda: AlteredTwin(says=said)
 
 
+@pytest.mark.strength
 @pytest.mark.parametrize("name", CHECKS)
 def test_a_sound_twin_passes(name: str) -> None:
     """Every requirement that the check names is judged."""

@@ -60,6 +60,7 @@ def test_a_sound_board_conforms() -> None:
     assert len(of_verdict(result, Verdict.PASS)) > 50
 
 
+@pytest.mark.strength
 def test_nothing_that_moves_or_stores_is_sent_without_leave() -> None:
     """Of all frames of a run none asks for more than is passive."""
     board = SmallBoard()
@@ -100,6 +101,7 @@ def test_silence_and_another_protocol_are_told() -> None:
     assert (result.exit_status, of_verdict(result, Verdict.PASS)) == (3, set())
 
 
+@pytest.mark.strength
 def test_a_wrong_sum_in_every_reply_fails_once_and_hides_nothing() -> None:
     """The rest is judged of the replies as they should have been."""
     board = SmallBoard()
