@@ -190,9 +190,9 @@ def test_a_wrong_board_fails_what_it_breaks(kind: type[UsbBoard], failing: set[s
 
 def test_a_board_that_is_none_and_one_that_is_silent_are_told() -> None:
     """Nothing is judged of them."""
-    for spoil in (lambda report: None, lambda report: b"OK"):
+    for corrupt in (lambda report: None, lambda report: b"OK"):
         board = UsbBoard()
-        board.spoil = spoil
+        board.corrupt = corrupt
         result = judged(board)
         assert (result.exit_status, of_verdict(result, Verdict.PASS)) == (3, set())
 

@@ -31,11 +31,11 @@ class UsbBoard:
     """A `ReportPort` with one board behind it.
 
     `parsed`: so many bytes of a report it looks at; `form`: of its errors; `has_outcomes`: K with
-    nothing pending draws a report; `spoil`: what becomes of each report that it sends.
+    nothing pending draws a report; `corrupt`: what becomes of each report that it sends.
     """
 
     enumerated = HidIdentity(0x0461, 0x0020, 64, 64)
-    spoil: Callable[[bytes], bytes | None] = staticmethod(lambda report: report)
+    corrupt: Callable[[bytes], bytes | None] = staticmethod(lambda report: report)
     parsed = 48
     form = "cmd_code"
     has_outcomes = True
@@ -77,9 +77,9 @@ class UsbBoard:
 
     def say(self, content: bytes) -> None:
         """Send an IN report."""
-        spoilt = self.spoil(content)
-        if spoilt is not None:
-            self._reports.append(spoilt.ljust(64, b"\0"))
+        corrupted = self.corrupt(content)
+        if corrupted is not None:
+            self._reports.append(corrupted.ljust(64, b"\0"))
 
     def obey(self, text: str) -> None:
         """Carry out a command."""

@@ -169,7 +169,7 @@ def restore(session: Session, memory: BoardSnapshot, board: int | None = None) -
     """Put back what was touched; a sentence for each thing that could not be.  Axes that were moved
     go home first."""
     driver = BoardDriver(session, board)
-    astray = return_to_start(session, driver) if memory.touched & MOVED_BY else ""
+    not_home = return_to_start(session, driver) if memory.touched & MOVED_BY else ""
     if memory.touched & MOVED_BY:
         memory.touched |= {"L", *HOME_SETS}
     wanted = [POWER_ON[letter] for letter in sorted(memory.touched & {*POWER_ON})]
@@ -186,7 +186,7 @@ def restore(session: Session, memory: BoardSnapshot, board: int | None = None) -
     if program is not None and not put_program_back(driver, program):
         failed.append(f"the stored program, which was {', '.join(program) or 'empty'}")
     memory.touched.clear()
-    return (astray, *failed) if astray else tuple(failed)
+    return (not_home, *failed) if not_home else tuple(failed)
 
 
 @contextmanager

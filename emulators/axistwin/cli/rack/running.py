@@ -45,11 +45,11 @@ def perform_rack(path: str, reporter: Reporter) -> int:
     _raise_limit_of_files()
     with contextlib.closing(reporter):
         with contextlib.closing(HostedLines(reporter)) as lines, contextlib.ExitStack() as beside:
-            keeper = RackKeeper(path, lines)
+            runner = RackRunner(path, lines)
             lines.rack.loop.install_signal_handlers(
-                [signal.SIGINT, signal.SIGTERM], {signal.SIGHUP: keeper.reload}
+                [signal.SIGINT, signal.SIGTERM], {signal.SIGHUP: runner.reload}
             )
-            keeper.start(content)
+            runner.start(content)
             control = None
             if content.control is not None:
                 control = make_control_server(
@@ -61,14 +61,14 @@ def perform_rack(path: str, reporter: Reporter) -> int:
                 warn(f"{VOLATILE}; 'state' in the file keeps it")
 
             def on_ready() -> None:
-                keeper.begin(None if control is None else control.url)
+                runner.begin(None if control is None else control.url)
 
             lines.serve(control, on_ready)
         reporter.stopped()
     return EXIT_USAGE if reporter.has_lost else 0
 
 
-class RackKeeper:
+class RackRunner:
     """Keeps the ``lines`` as the file at ``path`` has them."""
 
     def __init__(self, path: str, lines: HostedLines) -> None:

@@ -50,7 +50,7 @@ from axistwin_conformance.families.mn400.words import command_words
 
 MARGIN_NS: Final = 30_000_000  # a stop takes 5 ms at 9600 baud; the rest is our own reaction
 STRAY: Final = 4  # steps by which an arc may leave its circle (MN4-ARC-02, MN4-ARC-04)
-SWING: Final = 10  # steps by which a counter may be off without its board being taken for astray
+SWING: Final = 10  # steps by which a counter may be off without its board counting as a runaway
 TURN: Final = 1 << 32  # of a counter
 LONGEST: Final = 512  # bytes of a request in pieces: no board keeps more
 PACKET: Final = re.compile(rb"(?=([\x80-\xff])([\x00-\x7f]+)\1([\x00-\x7f]))")
@@ -422,7 +422,7 @@ class BoardTravelGuard:
         found = [
             _places(box, counters, state.reach)
             for box in state.offsets
-            if not _astray(box, counters, state.reach, 0)
+            if not _elsewhere(box, counters, state.reach, 0)
         ]
         here = joined_boxes(*found) if found else state.reach
         has_arrived = state.motions == 1 and state.begun_by == "M" and here == state.tip
@@ -441,12 +441,12 @@ class BoardTravelGuard:
     def _is_runaway(self, board: int, state: BoardReach, counters: tuple[int, ...]) -> bool:
         """True if a board is seen where nothing it was asked for leads; told for good when the next
         reading says the same."""
-        astray = [_astray(box, counters, state.reach, SWING) for box in state.offsets]
-        if not all(astray):
+        elsewhere = [_elsewhere(box, counters, state.reach, SWING) for box in state.offsets]
+        if not all(elsewhere):
             self._doubtful.discard(board)
             return False
         if board in self._doubtful and not self.runaway:
-            axis, (low, _) = astray[0][0]
+            axis, (low, _) = elsewhere[0][0]
             lowest, highest = state.reach[axis]
             self.broken = BROKEN[state.begun_by]
             self.runaway = (
@@ -502,7 +502,7 @@ def _place(offset: Window, counter: int, reach: Window) -> Window:
     return min(places, key=lambda place: max(0, place[0] - reach[1], reach[0] - place[1]))
 
 
-def _astray(
+def _elsewhere(
     offset: Box, counters: Sequence[int], reach: Box, swing: int
 ) -> list[tuple[int, Window]]:
     """The axes that would be outside of their reach by more than that, and where."""
@@ -516,7 +516,7 @@ def _astray(
 
 
 def _places(offset: Box, counters: Sequence[int], reach: Box) -> Box:
-    """Where the axes of these counters are, none of which is astray."""
+    """Where the axes of these counters are, none of which is elsewhere."""
     rows = zip(offset, counters, reach, strict=True)
     return tuple(shared(_place(*row), row[2]) or row[2] for row in rows)
 

@@ -33,9 +33,7 @@ def address_settable(driver: BoardDriver) -> Outcome:
     (new, *_) = other_ids(driver, 2, 3)
     with brought_back(driver, new):
         driver.ask(f"={new}")
-        if is_there(driver, new):
-            return 0
-        return 1 if is_there(driver, driver.board) else "it answers at neither id"
+        return _is_moved(driver, new)
 
 
 @probe(safety=DESTRUCTIVE, needs=ALONE)
@@ -46,9 +44,14 @@ def broadcast_setaddr(driver: BoardDriver) -> Outcome:
     (new, *_) = other_ids(driver, 2, 3)
     with brought_back(driver, new):
         driver.client.ask_all(f"={new}", driver.slots_s())
-        if is_there(driver, new):
-            return 0
-        return 1 if is_there(driver, driver.board) else "it answers at neither id"
+        return _is_moved(driver, new)
+
+
+def _is_moved(driver: BoardDriver, new: int) -> Outcome:
+    """Whether the board now answers at the new id: 0; at its old one: 1."""
+    if is_there(driver, new):
+        return 0
+    return 1 if is_there(driver, driver.board) else "it answers at neither id"
 
 
 @probe(safety=DESTRUCTIVE, needs=ALONE)
