@@ -14,7 +14,7 @@ from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.journal import Journal, run_all
 from sweeping.readings import FIXED, drawn, misread, singles
-from sweeping.runs import Setting
+from sweeping.runs import LONGEST_S, Setting
 from sweeping.sweeps import FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
 
@@ -28,6 +28,14 @@ DWRITE = bytes.fromhex("02 01 00 0D 00 00 44 57 52 49 54 45 2C 07 D8 00 00 04 D2
 SAMPLE = [
     ("mac23", 3), ("mac23", 9), ("mac23-can", 4), ("mac23-can", 6), ("msc-250", 7), ("msc-250", 9),
 ]  # fmt: skip
+# Devices that were taken for a noisy line, or for no module at all.
+MISTAKEN = [
+    ("mac23-can", Fault("effect", "that of d10", ("d13",))),
+    ("mac23", Fault("byte of a reply", "bits flipped", at=0, amount=0x80)),
+    ("mac23", Fault("byte of a reply", "bits flipped", at=17, amount=0xFF)),
+    ("mac23", Fault("effect", "refused", FORMATS["mac23"].commands)),
+    ("msc-250", Fault("reply", "longer", ("DREAD",), When(every=3), amount=3)),
+]
 EXAMPLES = [
     ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),
     ("msc-250", DWRITE, "DWRITE", "07D8000004D2"),
@@ -173,6 +181,26 @@ def test_a_sample_of_wrong_devices_is_caught(model: str, number: int) -> None:
     setting = Setting(model, "a plain port", "quick", 300, is_exitfirst=True)
     row = FaultSweep(setting, seed=1).judge(number)
     assert row["outcome"] == "caught", row
+
+
+@pytest.mark.strength(seconds=60)
+@pytest.mark.parametrize(("model", "fault"), MISTAKEN, ids=str)
+def test_a_device_that_is_always_wrong_is_no_noisy_line(model: str, fault: Fault) -> None:
+    """It fails, and is not given the time of a noisy line for it."""
+    setting = Setting(model, "a plain port", "quick", 300)
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["outcome"] == "caught", row
+    assert row["bench_s"] < LONGEST_S / 1.5
+
+
+@pytest.mark.strength
+def test_a_twin_that_is_woken_for_ever_at_one_instant_is_no_device() -> None:
+    """Its fault is that it does not do what it was woken for."""
+    known = functions("mac23-can")
+    at = next(n for n, one in enumerate(known) if one[1] == "_take_over")
+    setting = Setting("mac23-can", "a plain port", "quick", 300, is_exitfirst=True)
+    row = FaultSweep(setting, seed=1).judge_fault(Fault("inside", "not done", at=at), setting)
+    assert row["outcome"] == "no device", row
 
 
 @pytest.mark.strength(seconds=60)

@@ -432,6 +432,7 @@ class Engine:
 
     def _keep(self, result: CheckResult, number: int, replay: str) -> None:
         self._result.checks.append(result)
+        self._guard.has_failed |= result.verdict is Verdict.FAIL
         self._emit(result.as_event(number, len(self._result.plan.to_run), replay))
 
     def _is_over(self) -> bool:

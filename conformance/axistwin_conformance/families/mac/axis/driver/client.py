@@ -202,17 +202,27 @@ class AxisClient(ABC):
     ) -> AxisExchange:
         """Send again until noise is not the reason for the reply; only what may be sent twice.
 
-        What was Nacked was not obeyed (MACS-REPLY-04), and may be sent again whatever it is.
+        What was Nacked was not obeyed (MACS-REPLY-04), and may be sent again whatever it is.  What
+        may not be sent twice is asked for again later in the run: the same bad reply each time is
+        the device's own as well.
         """
+        is_repeatable = index in self.face.repeatable
+        earlier = [] if is_repeatable else self.session.run.unrepeated.setdefault(index, [])
         bad: list[bytes] = []
         since_ns: int | None = None  # the first sending that may have been obeyed
         for _ in range(RETRY.exchange):
             is_good = self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None)
-            if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
+            is_believed = self.session.is_believed(
+                bad, exchange.reply.raw, is_good=is_good, earlier=earlier
+            )
+            if is_good:
+                earlier.clear()
+            if is_believed:
                 break
             words = f"{self.explained(exchange.request)}: {exchange.reply}"
             if exchange.kind is not ReplyKind.NACK:
-                if index not in self.face.repeatable:
+                if not is_repeatable:
+                    earlier.append(exchange.reply.raw)
                     if self.session.check is not None:
                         self.session.void_attempt(words)
                     break
