@@ -28,12 +28,11 @@ SOUND: Mapping[str, tuple[int, int]] = {
     "self_test_ms": (0, 5000),
     "data_size": (4096, 65_536),  # of which the sweep names variables
 }
-# Switches that a device of that model cannot have at another value: MACS-CMD-1C-01, MACC-CMD-0C-01;
-# several units cannot be on RS-232.
+# Switches that a device of that model cannot have at another value: MACS-CMD-1C-01, MACC-CMD-0C-01.
 FIXED: Mapping[str, frozenset[str]] = {
     "mac23": frozenset({"factory_tolerance"}),
     "mac23-can": frozenset({"factory_tolerance", "imax_value"}),
-    "msc-250": frozenset({"transport"}),
+    "msc-250": frozenset(),
 }
 # Texts have no values to draw from, and of a mask not every number is one (MACC-EMCY-02).
 VALUES: Mapping[str, tuple[str, ...]] = {
