@@ -24,7 +24,7 @@ from axistwin.wire.can_frame import CanFrame
 from sweeping.faults import CHANGES, Fault
 from sweeping.formats import FORMATS, Format
 
-MOST_WAKES = 10_000  # at one instant: who wants more of them never gets on
+MOST_WAKES = 200  # at one instant: who wants more of them never gets on
 GHOST_NS = 60_000_000  # so long a device answers whose effects are forgotten
 BYTE_NS = 1_000_000
 # Of processor time, for one chunk or wake-up: a twin whose fault makes it turn on the spot is no
