@@ -581,7 +581,10 @@ def failure(
     """What failed, in words (see `wording`), with the end of the transcript, and of what was before
     it the lines that matter."""
     records, family = session.records(), session.run.family
-    told = telling(records, family.in_words, expected, actual, text, family.glossary)
+    told = telling(
+        records, family.in_words, expected, actual, text, family.glossary,
+        lambda: session.transport.transcript.since(0),
+    )  # fmt: skip
     return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS)
 
 

@@ -131,11 +131,6 @@ FAILURES: Final = {
 }
 
 
-# What is wrong shows only on an axis that has moved before the check: `by hand` says that it needs
-# the state in which the check found the device, and a twin that has just begun is in another one.
-HISTORY: Final = {"motion-ramp", "motion-step"}
-
-
 @cache
 def judged(name: str) -> tuple[str, Report]:
     """What the terminal said, and the report."""
@@ -239,7 +234,7 @@ def test_what_is_typed_by_hand_shows_the_failure_again(name: str) -> None:
         if one["direction"] == "device"
     ]
     last = answers[-1] if answers else "nothing within"
-    assert said[-1].startswith(last) is (name not in HISTORY), result.output
+    assert said[-1].startswith(last), result.output
 
 
 def test_every_recorded_failure_has_its_test() -> None:

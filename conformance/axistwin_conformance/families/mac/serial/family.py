@@ -93,8 +93,11 @@ class MacSerial(AxisFamily):
             more = sub_index.removeprefix(name) if sub_index.startswith(name) else f", {sub_index}"
             words, odd = f"{words[:-1]}{more})", odd and f", {odd}"
         words += odd.replace(", ", " with ", 1)
-        words += f" to module {address:02X}h" if to is None else to
-        told = exchange_words(words, index, codec.answer_data(reply))
+        to = f" to module {address:02X}h" if to is None else to
+        words += to
+        told = exchange_words(words, index, int(request[10:18], 16), codec.answer_data(reply))
+        if to.startswith(" to module"):  # what another one depends on is not known
+            told = told._replace(sets=None, needs=None, shows={})
         return told._replace(is_refused=codec.is_refusal(reply))
 
     def driver(self, session: Session, address: int | None = None) -> SerialDriver:
