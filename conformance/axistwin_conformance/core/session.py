@@ -466,7 +466,8 @@ class Session:
         if not self.run.ledger.asks(name):
             return replace(shown, clause=clause, value=value, wanted=f"that it {before}")
         held_to = earlier(self, name)
-        clause += f", but earlier in this run it {before}"
+        held_for = "earlier in this run" if held_to else "by its profile, or all it has shown,"
+        clause += f", but {held_for} it {before}"
         return replace(
             shown, value=value, wanted="the same each time", earlier=held_to,
             clause=clause + asked_in(held_to, self.run.family.in_words), rule=ambiguity.rule(name),

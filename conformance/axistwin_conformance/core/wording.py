@@ -396,6 +396,9 @@ def _changing(
     moved = [act for act in before if act.exchange.effect in (Effect.HOLD, *MOVING[:2])]
     is_all = judged.is_rig or judged.exchange.needs is None
     needs, settled, kept = set(judged.exchange.needs or ()), set[str](), list[_Act]()
+    if not needs & FLEETING:  # of several settings that a reply tells, those it is about
+        about = {name for act in causes for name in act.exchange.sets or ()}
+        needs = needs & about or needs
     for act in reversed(before):
         exchange = act.exchange
         sets = exchange.sets

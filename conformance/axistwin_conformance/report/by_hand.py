@@ -47,7 +47,10 @@ def instructions(run: Mapping[str, Any], one: Statement) -> Iterator[Instruction
     longest_s = timeout_s(one.transcript, one.by_hand)
     is_worked = any(step.startswith(RIG) for step in steps)
     if is_worked:
-        yield Instruction(Part.WORDS, f"{one.no_hand}:")
+        twin = f" (first start a twin: {shlex.join(['axistwin', 'run', run['model']])})"
+        yield Instruction(Part.WORDS, f"{one.no_hand}{twin if built_in(run) else ''}:")
+        if built_in(run):  # the URL would open another twin for each of these lines
+            run = {**run, "target": f"./{run['model']}"}
     for is_act, some in groupby(steps, lambda step: step.startswith(RIG)):
         if is_act:
             acts = "; ".join(step.removeprefix(RIG) for step in some)
@@ -69,7 +72,7 @@ def in_lines(run: Mapping[str, Any], one: Statement) -> Iterator[str]:
     """The same as plain text."""
     for number, (part, text) in enumerate(instructions(run, one)):
         label = "" if number else "by hand: "
-        shown = {Part.ACT: f"act: {text}", Part.REMARK: f"({text})", Part.PORT: f"({text})"}
+        shown = {Part.ACT: f"done: {text}", Part.REMARK: f"({text})", Part.PORT: f"({text})"}
         yield f"{label}{shown.get(part, text)}"
 
 

@@ -118,6 +118,7 @@ class TerminalReport:
         self._questions = self._asked = 0  # to the device about its readings: in all, so far
         self._pace = pace or Eta({})
         self._is_port_explained = False  # behind the first command that sends something again
+        self._are_times_explained = False  # above the first transcript
         self._folder = folder  # of the report, empty if there is none
         self._told_left_at = time.monotonic()
         self._ledger = ledger
@@ -446,7 +447,7 @@ class TerminalReport:
             elif part is Part.WORDS:
                 self._print(text, label=label)
             elif part is Part.ACT:
-                self._print(text, label=f"{below}act: ")
+                self._print(text, label=f"{below}done: ")
             elif part is Part.REMARK or not self._is_port_explained:
                 self._is_port_explained |= part is Part.PORT
                 self._print(f"({text})", "dim", label=below)
@@ -462,8 +463,11 @@ class TerminalReport:
         records = one.transcript
         numbers = range(len(records)) if self._is_verbose else one.shown
         rest = len(records) - len(numbers)
-        left_out = f"; {counted(rest, 'other line')}: --verbose, --report"
-        self._print(f"({TIMES}{left_out if rest else ''})", "dim", label="   transcript  ")
+        left_out = [f"{counted(rest, 'other line')}: --verbose, --report"] if rest else []
+        times = [] if self._are_times_explained else [TIMES]
+        self._are_times_explained = True
+        words = "; ".join([*times, *left_out])
+        self._print(f"({words})" if words else "", "dim", label="   transcript  ")
         origin_ns = records[0]["time_ns"]
         for record in (records[number] for number in numbers):
             time_ms = (record["time_ns"] - origin_ns) / 1e6

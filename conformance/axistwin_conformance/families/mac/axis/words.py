@@ -75,6 +75,7 @@ NAMES: Final = {  # of the fields of an answer
     "coefficient": "ramp coefficient",
     "tolerance": "tolerance",
 }
+PERIOD_TICK_NS: Final = 125
 UNITS: Final = {"period": TICK, "superior": "increments", "inferior": "increments"}
 # The bytes of answers by the letters of the manual (MACS-Q-21-01, MACS-Q-27-01).
 STATUS_BYTES: Final = {0x21: ("dd", "ff", "", "hh"), 0x27: ("tt", "vv", "cc", "dd")}
@@ -86,6 +87,11 @@ GLOSSARY: Final = {
     "tt": "temperature byte tt of 27h",
     "vv": "supply byte vv of 27h",
 }
+
+
+def pace_words(named: str, period: int) -> str:
+    """How fast an axis moves at most: the time of an increment, and the command that set it."""
+    return f"{period * PERIOD_TICK_NS / 1e6:.4g} ms an increment ({named} = {period})"
 
 
 def request_words(index: int, parameter: int, named: str = "") -> str:
