@@ -1,4 +1,4 @@
-"""Thirty failures as people read them: on the terminal, on the page and at a build server.
+"""Failures of all families as people read them: on the terminal, on the page and at a build server.
 
 Each planted fault is judged by one check; what the three say is held against a file in
 `golden/failures/`, where an editor can read it.  The first paragraph is the same on all of them.
@@ -22,6 +22,7 @@ from small_scratch import small_scratch
 from zoo import ZOO as SERIAL
 from zoo.mutant import Mutant
 from zoo_can import ZOO as CAN
+from zoo_mn400 import ZOO as BOARD
 from zoo_msc import ZOO as MSC
 
 from axistwin.cli.program import main
@@ -128,6 +129,8 @@ FAILURES: Final = {
         "the_reference_input_is_inverted",
         "the_inputs_show_whatever_is_enabled",
     ),
+    "board-target": (BOARD, "targets_are_distances", "coordinates_are_those_of_the_mode"),
+    "board-checksum": (BOARD, "a_sum_may_be_one_more", "every_other_checksum_is_refused"),
 }
 
 
