@@ -254,8 +254,7 @@ def test_the_place_where_a_move_began_comes_first() -> None:
 
 
 def test_by_hand_sends_only_what_the_last_request_depends_on() -> None:
-    """The move depends on speed and ramp, its speed on nothing; a motor that is on is not
-    powered."""
+    """The move depends on its speed, which depends on nothing; a motor is on from the start."""
     sent = [host(0, 0x1A), host(1, 0x0C, 9), host(2, 0x19), host(3, 0x0D, 900), host(4, 0x1C, 3)]
     moved = [*sent, host(5, 0x13, 9), host(6, 0x20)]
     assert telling(moved, in_words, ("1",), "2").by_hand == (3, 5, 6)
@@ -267,8 +266,7 @@ def test_by_hand_sends_only_what_the_last_request_depends_on() -> None:
 
 
 def test_what_was_set_earlier_in_the_run_is_set_first() -> None:
-    """Unless the run found it so, or nothing depends on it; behind a segment the axis is brought
-    back."""
+    """Unless the run found it so, or nothing depends on it; an axis that has moved goes back."""
     speeds = "06 13 02 30 31 31 30 30 35 30 35 30 30 30 30 30 35 31 46 03 1A"
     begun = [host(0, 0x25), answered(1, speeds), host(2, 0x0D, 900), answered(3)]
     more = [host(4, 0x1C, 3), answered(5), host(6, 0x0E, 0x500), answered(7)]

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NoReturn, Protocol, cast
 
 from axistwin_conformance.base.check import Check
@@ -582,10 +583,8 @@ def failure(
     """What failed, in words (see `wording`), with the end of the transcript, and of what was before
     it the lines that matter."""
     records, family = session.records(), session.run.family
-    told = telling(
-        records, family.in_words, expected, actual, text, family.glossary,
-        lambda: session.transport.transcript.since(0),
-    )  # fmt: skip
+    history = partial(session.transport.transcript.since, 0)
+    told = telling(records, family.in_words, expected, actual, text, family.glossary, history)
     return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS)
 
 
