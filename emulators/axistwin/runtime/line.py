@@ -14,7 +14,7 @@ from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.simulation import Simulation, Station, earliest
 from axistwin.runtime.storage import Stores
-from axistwin.runtime.transcript import Transcript
+from axistwin.runtime.transcript import Burst, Message, MessageSubscriber, Transcript
 from axistwin.wire.framing import LineFormat
 
 _FOREVER = 1 << 62
@@ -263,10 +263,46 @@ class Line(Simulation[SerialNetwork]):
         """The host's end of the cable to the USB port of device ``index``, which must have one."""
         return UsbCable(self, index, cast(UsbDevice, self._stations[index].device))
 
+    # -- what was said ------------------------------------------------------------------------
+
+    def subscribe_messages(self, subscriber: MessageSubscriber) -> Callable[[], None]:
+        """Give every burst that is over from now on to ``subscriber``; see the base."""
+        with self._lock:
+            unsubscribe = self.transcript.subscribe(lambda burst: subscriber(_message(burst)))
+
+        def end() -> None:
+            with self._lock:
+                unsubscribe()
+
+        return end
+
+    @property
+    def messages(self) -> list[Message]:
+        """The bursts of the transcript."""
+        with self._lock:
+            return [_message(burst) for burst in self.transcript]
+
+    def flush_messages(self, *, at_once: bool = False) -> None:
+        """Have subscribers told of a burst to which nothing was added lately; see the base."""
+        with self._lock:
+            now = self.sync()
+            if at_once:
+                self.transcript.flush()
+            else:
+                self.transcript.flush_at(now)
+
+    def explain(self, content: bytes) -> str:
+        """What bytes of this line say; empty if nobody knows."""
+        return self._explain(content) if self._explain else ""
+
     def render_transcript(self) -> str:
         """The transcript with every frame in words."""
         with self._lock:
             return self.transcript.render(self._explain)
+
+
+def _message(burst: Burst) -> Message:
+    return Message(burst.time_ns, burst.direction, bytes(burst.data), burst.note)
 
 
 class UsbCable:
