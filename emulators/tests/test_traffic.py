@@ -188,7 +188,7 @@ def test_who_reads_too_slowly_misses_messages_and_is_told(
             ask(served, "mac23:0")
             while line.transcript._is_open or watched._pending:
                 time.sleep(0.005)
-            served.ask("PUT", "devices/mac23:0/controls/push", {"value": 1})
+            served.ask("PUT", "devices/mac23:0/controls/push", {"value": 0})
             next_set(client)  # what was told before has been put, or left out
         ask(served, "mac23:0")
         event = json.loads(client.recv(TIMEOUT_S))

@@ -328,6 +328,7 @@ def _control_info(bound: BoundControl, value: Any) -> ControlInfo:
         choices=list(bound.choices),
         numbers=_numbers(bound),
         bits=[BitInfo(bit=n, name=name, requirement=law) for n, name, law in bound.bits],
+        queue=bound.is_queue,
         readable=bound.is_readable,
         writable=bound.is_writable,
         value=value,

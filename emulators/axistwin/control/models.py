@@ -100,6 +100,7 @@ class ControlInfo(Described):
     choices: list[str] = Field(description="allowed values of a choice")
     numbers: Numbers | None = Field(description="keys, of a control that stands for many values")
     bits: list[BitInfo] = Field(description="what the bits of a number mean; empty: they have none")
+    queue: bool = Field(description="whether it tells how many commands wait")
     readable: bool = Field(description="whether it has a value")
     writable: bool = Field(description="whether it can be set")
     value: Any = Field(description="as it is now; null if it cannot be read, or has numbers")

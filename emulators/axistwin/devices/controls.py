@@ -45,7 +45,8 @@ class Control:
     field: what its device's snapshot calls it.  read: or else the method of the device that gives
     it, called with the time and the key, if it has keys.  write: the method that works it, called
     with the time, the key and the value.  scale: the device's units in one of ours.
-    unit, low, high: of a number.  bits: of a whole number that has some.
+    unit, low, high: of a number.  bits: of a whole number that has some.  is_queue: it tells how
+    many commands wait.
     choices: of a choice.  keys: texts or numbers (rule 2).
     names: the snapshot's field that has numbers by name.  noun: what messages call it, the name
     unless given.  record, members: the class of a record and what it consists of.
@@ -65,6 +66,7 @@ class Control:
     low: float | None = None
     high: float | None = None
     bits: tuple[Bit, ...] = ()
+    is_queue: bool = False
     choices: tuple[str, ...] = ()
     keys: tuple[str, ...] | range | None = None
     names: str = ""

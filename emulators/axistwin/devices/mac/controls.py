@@ -14,9 +14,12 @@ def _shown(
     unit: str = "",
     name: str = "",
     bits: tuple[Bit, ...] = (),
+    is_queue: bool = False,
 ) -> Control:
     """What the module's snapshot has in ``field``; for those who look on, not on Python handles."""
-    return Control(name or field, kind, doc, field, unit=unit, bits=bits, attribute="")
+    return Control(
+        name or field, kind, doc, field, unit=unit, bits=bits, is_queue=is_queue, attribute=""
+    )
 
 
 _FAULT_BITS: Final = (
@@ -47,7 +50,13 @@ MAC: Final = ControlTable(
         _shown("busy", "switch", "whether a motion is under way"),
         _shown("armed", "switch", "whether motions wait for the synchronisation"),
         _shown("preloaded", "switch", "whether a motion waits for the synchronisation"),
-        _shown("segments_stored", "whole", "length of the interpolator's queue", "segments"),
+        _shown(
+            "segments_stored",
+            "whole",
+            "length of the interpolator's queue",
+            "segments",
+            is_queue=True,
+        ),
         _shown("reference_enabled", "switch", "whether the reference input sets the counter"),
         _shown(
             "fault_bits",
