@@ -1,8 +1,10 @@
 """What goes over a line, for whoever looks on: history, stream, losses; and what is set."""
 
 import json
+import re
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
@@ -19,6 +21,8 @@ from axistwin.runtime.serving.traffic import LineTraffic, WatchedLine
 from axistwin.wire.can_frame import CanFrame
 
 pytestmark = pytest.mark.system
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "work-a-daemon.md"
 
 QUESTIONS = {
     "mac23:0": ("20h", "position = 0", 0),
@@ -91,7 +95,8 @@ def test_an_exchange_is_streamed_and_kept(served: ServedControl, name: str) -> N
     assert question["time_ns"] < reply["time_ns"]
     assert (question["unit"], reply["unit"]) == (unit, unit)
     kept = served.get(f"lines/{quote(name)}/traffic")["messages"]
-    assert kept == first["messages"] + streamed
+    told = first["messages"] + streamed
+    assert kept[: len(told)] == told  # a unit that is not acknowledged says it again
 
 
 def test_history_is_filtered(served: ServedControl) -> None:
@@ -113,6 +118,21 @@ def test_history_is_filtered(served: ServedControl) -> None:
     frames = served.get("lines/mac23-can:3/traffic?hex=603%2340")["messages"]
     assert [each["hex"][:4] for each in frames] == ["603#"] * len(frames)
     assert frames
+
+
+def test_the_requests_of_the_page_are_answered(served: ServedControl) -> None:
+    """Those of the traffic, as they stand there; the message has what the page shows of one."""
+    text = PAGE.read_text(encoding="utf-8")
+    ask(served, "mac23:0")
+    (path,) = re.findall(r"`/api/v1/(lines/mac23:0/traffic\?[^`]*)`", text)
+    (shown,) = re.findall(r"^{\"time_ns.*}$", text, re.MULTILINE)
+    told = served.get(path)["messages"][0]
+    for query in re.findall(r"`\?((?:direction|text|hex)=[^`]*)`", text):
+        assert served.get(f"lines/mac23:0/traffic?{query}")["messages"]
+    example = json.loads(shown)
+    assert told.keys() == example.keys()
+    assert (told["direction"], told["text"]) == (example["direction"], example["text"])
+    assert told["hex"].startswith(example["hex"].removesuffix("..."))
 
 
 @pytest.mark.parametrize(
@@ -194,7 +214,7 @@ def test_who_reads_too_slowly_misses_messages_and_is_told(
         event = json.loads(client.recv(TIMEOUT_S))
         while event["event"] != "traffic":
             event = json.loads(client.recv(TIMEOUT_S))
-        assert event["dropped"] == 2
+        assert event["dropped"] >= 2
         assert event["messages"][0]["direction"] == "host"
 
 

@@ -18,7 +18,9 @@ from daemon_process import TIMEOUT_S, assert_one_clear_line, daemon, invoke
 from rich.console import Console
 
 from axistwin.cli.watch.screen import DetailScreen, OverviewScreen, Screen, follow
+from axistwin.control.client import ControlClient
 
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "watch-a-daemon.md"
 AXES = {"names": ["axis"], "unit": "increments", "position": "position", "rate": "velocity"}
 LEAVE_SCREEN = b"\x1b[?1049l"
 SIZES = [(110, 30), (80, 24), (59, 24), (40, 10), (20, 4), (10, 1)]
@@ -152,6 +154,7 @@ def test_a_terminal_follows_a_device_until_ctrl_c(address: str) -> None:
     assert invoke("ctl", "mac23", "inputs.reference", "on", "--control", address).exit_code == 0
     while b"inputs.reference on" not in seen:
         seen += os.read(ours, 65536)
+    assert invoke("ctl", "mac23", "inputs.reference", "off", "--control", address).exit_code == 0
     process.send_signal(signal.SIGINT)
     while LEAVE_SCREEN not in seen:
         seen += os.read(ours, 65536)
@@ -184,6 +187,43 @@ def test_without_a_terminal_changes_are_lines(address: str, words: tuple[str, ..
     process.send_signal(signal.SIGINT)
     out, error = process.communicate(timeout=TIMEOUT_S)
     assert (out, error.strip(), process.returncode) == ("", "", 130)
+
+
+@pytest.mark.system
+def test_the_page_shows_what_is_shown(address: str) -> None:
+    """Each row of its screens is one of ours; its pipe gives the line."""
+    overview, one, piped = re.findall(
+        r"```console\n\$ (axistwin watch.*?)\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL
+    )
+    client = ControlClient(address)
+    devices = client.get("devices")["devices"]
+    controls = client.get("devices", "mac23:0", "controls")["controls"]
+    screens: list[Screen] = [OverviewScreen(devices), DetailScreen(devices[0], controls)]
+    for screen, (command_line, text) in zip(screens, (overview, one), strict=True):
+        assert command_line in ("axistwin watch", "axistwin watch mac23")
+        for each in devices:
+            state = client.get("devices", each["name"], "state")
+            screen.hear({"event": "snapshot", **state})
+        ours = [words_of(row) for row in rendered(screen, 80, 30)]
+        assert [words for row in text.splitlines() if (words := words_of(row)) not in ours] == []
+    environment = {**os.environ, "AXISTWIN_CONTROL": address}
+    environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    process = subprocess.Popen(
+        ["bash", "-c", piped[0]],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().split()[1:] == piped[1].split()[1:]
+    os.killpg(process.pid, signal.SIGTERM)
+    process.communicate(timeout=TIMEOUT_S)
+
+
+def words_of(row: str) -> list[str]:
+    """Its columns, without a time."""
+    return re.split(r"\s{2,}", re.sub(r"[\d.]+ s$", "T", row.strip()))
 
 
 @pytest.mark.system

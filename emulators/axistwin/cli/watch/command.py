@@ -23,7 +23,7 @@ def watch(target: str | None, control_address: str | None, token_file: str | Non
 
     \b
     axistwin watch                               all devices
-    axistwin watch mac23:0                       one device: values, bits, queue, events
+    axistwin watch mac23:0                       one device, with all it shows
     axistwin watch http://127.0.0.1:8080         another daemon
     axistwin watch http://127.0.0.1:8080/mac23:0
 

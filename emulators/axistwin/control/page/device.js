@@ -27,15 +27,19 @@ export async function deviceView(wanted, link) {
     readings.show(changed);
     status?.show(changed);
     works.show(changed);
-    charts?.push(timeNs, values);
   };
   const hear = (event) => {
-    if (event.values) show(event.time_ns, event.values);
-    else if (event.event === "set") show(event.time_ns, event.control in values ? { [event.control]: event.value } : {});
-    else if (event.event === "told") log.add(seconds(event.time_ns), event.text);
+    if (event.values) {
+      show(event.time_ns, event.values);
+      charts?.push(event.time_ns, values);
+    } else if (event.event === "set") {
+      show(event.time_ns, event.control in values ? { [event.control]: event.value } : {}); // the charts wait for all values
+      log.add(seconds(event.time_ns), `${words(event.control)}: ${event.value === null ? "done" : `set to ${shown(event.value)}`}`);
+    } else if (event.event === "told") log.add(seconds(event.time_ns), event.text);
     else if (event.line === device.line) log.add("", words(event.kind));
   };
   show(state.time_ns, state.values);
+  charts?.push(state.time_ns, values);
   const leave = watch([device.name], hear, link);
   const element = make("div", {}, head.element,
     make("div", { class: "grid" }, ...(charts ? [charts.element] : []), ...(status ? [status.element] : []), ...works.sections, readings.element, log.element));
