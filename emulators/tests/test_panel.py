@@ -182,6 +182,7 @@ def test_traffic_is_shown_filtered_and_searched(page: Page, served: ServedContro
     say(served, BOARD, "S", "?")
     expect(rows.filter(has_text="LimitStatus (board 1)")).to_have_count(1)
     expect(rows.filter(has_text="81 53 81 55").locator(".whose")).to_have_text("1")
+    expect(page.get_by_role("region", name="Traffic").get_by_role("status")).to_have_text("")
     page.get_by_label("Direction").select_option("from the host")
     expect(rows.filter(has_text="START")).to_have_count(0)
     page.get_by_label("Direction").select_option("both ways")

@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 import pytest
 from served_control import TIMEOUT_S, ServedControl
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from axistwin.catalog import find_model
@@ -151,6 +152,35 @@ def test_a_mistake_is_explained(served: ServedControl, path: str, status: int, t
     assert text in answer["message"]
 
 
+def test_watching_an_unknown_line_is_refused_with_the_nearest_name(served: ServedControl) -> None:
+    """Before the WebSocket begins."""
+    with pytest.raises(InvalidStatus) as caught:
+        watch(served, "traffic=mac32:0")
+    assert caught.value.response.status_code == 404
+    assert b"did you mean mac23:0" in (caught.value.response.body or b"")
+
+
+def test_a_line_that_fails_while_it_is_watched_ends_alone() -> None:
+    """Its watchers are told; the other line goes on, and is told of."""
+    with (
+        ServedControl("mac23:0", "mac23-can:3") as served,
+        watch(served, "traffic=mac23:0&traffic=mac23-can:3") as client,
+    ):
+        line: Any = served.lines[0]
+
+        def fail(**_: Any) -> None:
+            raise AssertionError("our bug")
+
+        line.flush_messages = fail
+        event = json.loads(client.recv(TIMEOUT_S))
+        while event["event"] != "line":
+            event = json.loads(client.recv(TIMEOUT_S))
+        assert (event["line"], event["kind"]) == ("mac23:0", "line_failed")
+        ask(served, "mac23-can:3")
+        assert messages(client, "position = 0")
+        assert served.get("lines/mac23:0/traffic")["messages"] == []
+
+
 def test_nobody_looks_and_nobody_listens(served: ServedControl) -> None:
     """A line has subscribers while it is watched, and none before and after."""
     line: Any = served.rack.lines["mac23:0"].simulation
@@ -183,11 +213,11 @@ def test_what_does_not_fit_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatc
     for number in range(8):
         simulation.send(port, CanFrame(0x700 + number))
     simulation.wait(simulation.sync() + 10**8)
-    watched.tell()
+    watched.report()
     sent = [each for each in told[-1].messages if each.direction == "host"]
     assert [str(each.content) for each in sent] == ["705#", "706#", "707#"]
     assert told[-1].dropped == 5
-    watched.tell()
+    watched.report()
     assert told[-1].dropped == 5, "nothing was said since"
     simulation.close()
     served.rack.close()

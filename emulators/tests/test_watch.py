@@ -55,14 +55,14 @@ def detail() -> DetailScreen:
     controls = [control("faults", bits=("hot", "cold")), control("queued", "commands")]
     screen = DetailScreen(device("mac23:0"), controls)
     values = {"faults": 2, "queued": 3, "inputs.one": True, "inputs.two": False, "load.held": False}
-    screen.hear(changed("mac23:0", **values))
+    screen.receive(changed("mac23:0", **values))
     return screen
 
 
 def overview(count: int = 3) -> OverviewScreen:
     """Devices with a position."""
     screen = OverviewScreen([device(f"mac23:{number}") for number in range(count)])
-    screen.hear(changed("mac23:0", position=-125, velocity=2.5))
+    screen.receive(changed("mac23:0", position=-125, velocity=2.5))
     return screen
 
 
@@ -78,7 +78,7 @@ def test_a_screen_fits_every_terminal(width: int, height: int) -> None:
 def test_the_overview_has_state_position_and_speed() -> None:
     """Of a device without power it tells that; devices that do not fit are counted."""
     screen = overview(30)
-    screen.hear(
+    screen.receive(
         {"event": "set", "device": "mac23:1", "time_ns": 2, "control": "power", "value": False}
     )
     first, second, third = rendered(screen, 110, 24)[:3]
@@ -104,7 +104,7 @@ def test_events_are_below_the_values() -> None:
     """What was set, and what the device tells; each once."""
     screen = detail()
     told = {"event": "told", "device": "mac23:0", "time_ns": 2_000_000_000, "text": "it stops"}
-    screen.hear(told)
+    screen.receive(told)
     assert rendered(screen, 60, 24)[-1].split(maxsplit=1) == ["2.000", "mac23:0 it stops"]
 
 
@@ -203,7 +203,7 @@ def test_the_page_shows_what_is_shown(address: str) -> None:
         assert command_line in ("axistwin watch", "axistwin watch mac23")
         for each in devices:
             state = client.get("devices", each["name"], "state")
-            screen.hear({"event": "snapshot", **state})
+            screen.receive({"event": "snapshot", **state})
         ours = [words_of(row) for row in rendered(screen, 80, 30)]
         assert [words for row in text.splitlines() if (words := words_of(row)) not in ours] == []
     environment = {**os.environ, "AXISTWIN_CONTROL": address}

@@ -233,9 +233,9 @@ def _watch(client: ControlClient, device: str, names: tuple[str, ...], as_json: 
         if name not in known:
             raise UsageError(f"{device} shows no {name!r}: {nearest(name, known)}")
     try:
-        told = EventLines(names)
+        event_lines = EventLines(names)
         for event in client.watch(device):
-            for line in [json.dumps(event)] if as_json else told.lines(event):
+            for line in [json.dumps(event)] if as_json else event_lines.lines(event):
                 click.echo(line)
     except ImportError as error:
         raise missing_for_watching(error) from None

@@ -32,7 +32,7 @@ class EventLines:
 
     def __init__(self, names: Sequence[str] = ()) -> None:
         self._names = names
-        self._told: dict[tuple[str, str], Any] = {}
+        self._reported: dict[tuple[str, str], Any] = {}
 
     def lines(self, event: dict[str, Any]) -> list[str]:
         """A line for each thing that ``event`` has."""
@@ -52,10 +52,10 @@ class EventLines:
             values = {
                 name: value
                 for name, value in values.items()
-                if (device, name) not in self._told or self._told[device, name] != value
+                if (device, name) not in self._reported or self._reported[device, name] != value
             }
         for name, value in values.items():
-            self._told[device, name] = value
+            self._reported[device, name] = value
         return [
             f"{head} {name} {shown(value)}"
             for name, value in values.items()

@@ -18,14 +18,14 @@ _FRAME_SIGNS = re.compile(r"[0-9A-F#R]*")
 
 
 class TrafficWords:
-    """Tells messages of the line that ``server`` serves."""
+    """Describes messages of the line that ``server`` serves."""
 
     def __init__(self, server: AnyServer) -> None:
         self._simulation = server.simulation
         family = find_model(server.simulation.twins[0].model).family
         self._unit = re.compile(family.unit_named)
 
-    def tell(self, message: Message) -> TrafficMessage:
+    def describe(self, message: Message) -> TrafficMessage:
         """``message`` for programs and people."""
         content = message.content
         text = message.note or self._simulation.explain(content)
@@ -61,11 +61,11 @@ def select(
         for message in reversed(messages):
             if (direction and message.direction != direction) or not has_hex(message.content):
                 continue
-            told = words.tell(message)
-            if text.lower() in told.text.lower():
-                yield told
+            described = words.describe(message)
+            if text.lower() in described.text.lower():
+                yield described
 
-    chosen = [told for told, _ in zip(found(), range(last), strict=False)]
+    chosen = [each for each, _ in zip(found(), range(last), strict=False)]
     return chosen[::-1]
 
 

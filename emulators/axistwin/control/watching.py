@@ -113,8 +113,8 @@ class Watching:
             self._left_out[event.line] = dropped + len(event.messages)
             return
         self._left_out[event.line] = 0
-        tell = self._lines[event.line].tell
-        messages = [tell(each).model_dump() for each in event.messages]
+        describe = self._lines[event.line].describe
+        messages = [describe(each).model_dump() for each in event.messages]
         self._put(
             json.dumps(
                 {"event": "traffic", "line": event.line, "messages": messages, "dropped": dropped}

@@ -51,9 +51,9 @@ def watch(target: str | None, control_address: str | None, token_file: str | Non
 
 
 def _print(client: ControlClient, devices: list[dict[str, Any]]) -> None:
-    told = EventLines()
+    event_lines = EventLines()
     for event in client.watch(*(each["name"] for each in devices)):
-        for line in told.lines(event):
+        for line in event_lines.lines(event):
             click.echo(line)
 
 

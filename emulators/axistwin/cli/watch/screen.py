@@ -27,7 +27,7 @@ _ONE_LINE: Final[Any] = {"no_wrap": True, "overflow": "ellipsis"}
 class Screen(Protocol):
     """What is shown of events."""
 
-    def hear(self, event: dict[str, Any]) -> None:
+    def receive(self, event: dict[str, Any]) -> None:
         """Something has happened."""
 
     def render(self, width: int, height: int) -> RenderableType:
@@ -47,7 +47,7 @@ def follow(
     with Live(get_renderable=render, console=console, screen=True, refresh_per_second=REFRESH_HZ):
         for event in events:
             with lock:
-                screen.hear(event)
+                screen.receive(event)
 
 
 class _Watched:
@@ -59,7 +59,7 @@ class _Watched:
         self.time_ns = 0
         self.values: dict[str, Any] = {"power": device["power"], "state": device["state"]}
 
-    def hear(self, event: dict[str, Any]) -> None:
+    def receive(self, event: dict[str, Any]) -> None:
         self.time_ns = event["time_ns"]
         if event["event"] == "set":
             if event["control"] in self.values:
@@ -85,10 +85,10 @@ class _Events:
 
     def __init__(self) -> None:
         self._lines: deque[str] = deque(maxlen=EVENTS_KEPT)
-        self._told = EventLines()
+        self._event_lines = EventLines()
 
-    def hear(self, event: dict[str, Any]) -> None:
-        lines = self._told.lines(event)
+    def receive(self, event: dict[str, Any]) -> None:
+        lines = self._event_lines.lines(event)
         if event["event"] in ("told", "set", "line"):
             self._lines.extend(lines)
 
@@ -104,11 +104,11 @@ class OverviewScreen:
         self._devices = {each["name"]: _Watched(each) for each in devices}
         self._events = _Events()
 
-    def hear(self, event: dict[str, Any]) -> None:
+    def receive(self, event: dict[str, Any]) -> None:
         """A device, or a line, has news."""
-        self._events.hear(event)
+        self._events.receive(event)
         if event.get("device") in self._devices:
-            self._devices[event["device"]].hear(event)
+            self._devices[event["device"]].receive(event)
 
     def render(self, width: int, height: int) -> RenderableType:
         """As many devices as there are rows for, then events; a narrow terminal has no rates."""
@@ -146,11 +146,11 @@ class DetailScreen:
         self._controls = {each["name"]: each for each in controls}
         self._events = _Events()
 
-    def hear(self, event: dict[str, Any]) -> None:
+    def receive(self, event: dict[str, Any]) -> None:
         """The device, or its line, has news."""
-        self._events.hear(event)
+        self._events.receive(event)
         if event.get("device") == self._device.name:
-            self._device.hear(event)
+            self._device.receive(event)
 
     def render(self, width: int, height: int) -> RenderableType:
         """A head, the values in one column or two, and events where there is room."""

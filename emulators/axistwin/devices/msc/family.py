@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 class MscFamily(Family):
     """Packets, flags, variables, and a macroprogram."""
 
-    unit_named = r"\bunit (\d+)"
-
     def quirks(self) -> "Mapping[str, Quirk]":
         """Those of every MSC."""
         from axistwin.devices.msc.quirks import QUIRKS

@@ -244,7 +244,7 @@ class Live:
                 self._look_at(watched)
         for line in tuple(self._lines.values()):
             if line.server.failure is None:
-                self._on_line(line, WatchedLine.tell)
+                self._on_line(line, WatchedLine.report)
         self._rack.loop.call_later(LOOK_S, self._look)
 
     def _look_at(self, watched: _Watched) -> None:

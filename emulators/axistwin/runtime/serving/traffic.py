@@ -50,14 +50,14 @@ class WatchedLine:
         self._pending.append(message)
 
     def join(self, watcher: TrafficWatcher) -> None:
-        """Tell ``watcher`` of what was, and of what comes."""
+        """Give ``watcher`` what was, and what comes."""
         with self.server.simulation.present():
-            self.tell(at_once=True)
+            self.report(at_once=True)
             watcher(LineTraffic(self.name, tuple(self.server.simulation.messages), 0))
         self.watchers.append(watcher)
 
-    def tell(self, *, at_once: bool = False) -> None:
-        """Tell the watchers what came since the last look; ``at_once``: unfinished bursts too."""
+    def report(self, *, at_once: bool = False) -> None:
+        """Give the watchers what came since the last look; ``at_once``: unfinished bursts too."""
         simulation = self.server.simulation
         with simulation.present():
             simulation.flush_messages(at_once=at_once)
