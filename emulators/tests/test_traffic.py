@@ -256,6 +256,30 @@ def test_a_long_silent_line_tells_of_its_last_burst(served: ServedControl) -> No
         assert [each["hex"] for each in messages(client, "55")][-1] == "55"
 
 
+def test_reports_of_usb_are_traffic_too(served: ServedControl) -> None:
+    """Beside the bytes of the serial line, in the order of their times."""
+    name = "mn400:1"
+    with watch(served, f"traffic={name}") as client:
+        line: Any = served.rack.lines[name].simulation
+        cable = line.usb_cable(0)
+        cable.send(b"E".ljust(64, b"\0"))
+        end = time.monotonic() + TIMEOUT_S
+        while cable.receive() is None:
+            assert time.monotonic() < end
+            time.sleep(0.002)
+        found = messages(client, "USB: E0,0,0,0")
+    asked = next(each for each in found if each["text"] == "USB: E")
+    assert (asked["direction"], asked["hex"], asked["unit"]) == ("host", "45", None)
+    ask(served, name)
+    kept = served.get(f"lines/{name}/traffic")["messages"]
+    times = [each["time_ns"] for each in kept]
+    assert times == sorted(times)
+    assert [each["direction"] for each in kept if each["text"].startswith("USB")] == [
+        "host",
+        "device",
+    ]
+
+
 def test_every_set_is_an_event_even_if_nothing_changes(served: ServedControl) -> None:
     """A switch that is set twice alike; the value, the name, the time that the answer has."""
     with watch(served, "device=mac23:0") as client:

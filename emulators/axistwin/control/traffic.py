@@ -6,6 +6,7 @@ names a unit in that (``Family.unit_named``).
 
 import re
 from collections.abc import Callable, Iterator
+from itertools import islice
 
 from axistwin.catalog import find_model
 from axistwin.control.models import Direction, TrafficMessage
@@ -65,8 +66,7 @@ def select(
             if text.lower() in described.text.lower():
                 yield described
 
-    chosen = [each for each, _ in zip(found(), range(last), strict=False)]
-    return chosen[::-1]
+    return list(islice(found(), last))[::-1]
 
 
 def _hex_filter(hexes: str) -> Callable[[bytes | CanFrame], bool]:

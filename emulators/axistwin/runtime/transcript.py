@@ -35,9 +35,10 @@ class Burst:
 
 
 class Message(NamedTuple):
-    """What went over a line or a bus in one piece: bytes without a pause, or a frame.
+    """What went over a line or a bus in one piece: bytes without a pause, a frame, a USB report.
 
-    time_ns: when a burst began, or a frame was complete.  note: as of a burst.
+    time_ns: when a burst began, a frame was complete, or a host sent or read a report.  note: as of
+    a burst.
     """
 
     time_ns: Nanos
