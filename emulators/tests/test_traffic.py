@@ -23,7 +23,9 @@ from axistwin.wire.can_frame import CanFrame
 
 pytestmark = pytest.mark.system
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "work-a-daemon.md"
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "how-to" / "work-a-daemon.md"
+LEDGERS = ROOT / "conformance" / "axistwin_conformance" / "families"
 
 QUESTIONS = {
     "mac23:0": ("20h", "position = 0", 0),
@@ -325,3 +327,16 @@ def test_bits_of_a_number_are_told_with_their_requirement(served: ServedControl)
     info = served.get("devices/mn400:1/controls/inputs_status")
     on = [each["name"] for each in info["bits"] if info["value"] >> each["bit"] & 1]
     assert on == ["m2 plus"]
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_every_requirement_behind_a_bit_is_in_a_ledger(name: str) -> None:
+    """Whatever the family; it is a whole number that has bits."""
+    ledgers = "".join(path.read_text(encoding="utf-8") for path in LEDGERS.rglob("ledger.toml"))
+    model = find_model(name.partition(":")[0])
+    with_bits = [control for control in model.family.controls() if control.bits]
+    assert with_bits
+    for control in with_bits:
+        assert control.kind == "whole"
+        for bit in control.bits:
+            assert f"[requirement.{bit.requirement}]" in ledgers

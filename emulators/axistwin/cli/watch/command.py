@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Any
 
@@ -42,7 +43,7 @@ def watch(target: str | None, control_address: str | None, token_file: str | Non
     client = make_client(control_address, token_file)
     devices = [client.get("devices", name)] if name else client.get("devices")["devices"]
     try:
-        if sys.stdout.isatty():
+        if sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb":
             _show(client, devices, is_detailed=bool(name))
         else:
             _print(client, devices)
