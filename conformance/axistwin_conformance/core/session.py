@@ -151,8 +151,6 @@ class Run:
     shown: dict[str, tuple[Record, ...]] = field(default_factory=dict)
     budget: WriteBudget = field(default_factory=WriteBudget)
     quality: LineQuality = field(default_factory=LineQuality)
-    # Command that may not be sent again at once → its bad replies since the last good one.
-    unrepeated: dict[int, list[bytes]] = field(default_factory=dict)
     silence_limit: SilenceLimit = field(default_factory=SilenceLimit)
     emit: Listener = lambda event: None  # who is told of what cannot wait for a check's end
     shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
@@ -274,13 +272,10 @@ class Session:
 
     # Exchanges.
 
-    def is_believed(
-        self, bad: list[bytes], reply: bytes, *, is_good: bool, earlier: Iterable[bytes] = ()
-    ) -> bool:
+    def is_believed(self, bad: list[bytes], reply: bytes, *, is_good: bool) -> bool:
         """True if the reply is the device's own: good, or bad too often for noise.
 
-        `bad`: the earlier bad replies to the same request; this one is added.  `earlier`: those
-        that came before this exchange, with no good one between.  Without noise
+        `bad`: the earlier bad replies to the same request; this one is added.  Without noise
         (`is_strict`) every reply is the device's own.  Raises TargetError for a device that has
         said nothing right for too long.
         """
@@ -305,7 +300,7 @@ class Session:
         self._asked[self.transport.last_sent] += 1
         if self.is_strict and not is_good:
             self.corrupted.append(self._numbered(reply))
-        self.is_reproduced = not is_good and quality.is_reproduced([*earlier, *bad])
+        self.is_reproduced = not is_good and quality.is_reproduced(bad)
         if self.is_reproduced:
             quality.note_wrong()
         return is_good or self.is_strict or self.is_reproduced

@@ -522,7 +522,7 @@ class Engine:
             try:
                 self._guard.restore(run)
             except TargetError:  # who has restarted meanwhile is deaf for a while
-                if run.target.crash or self._guard.blocked or not self._guard.is_sane(run):
+                if self._guard.blocked or not self._guard.is_sane(run):
                     raise
                 self._guard.restore(run)
         return self._guard.is_sane(run)

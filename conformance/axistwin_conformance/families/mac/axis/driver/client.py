@@ -206,24 +206,24 @@ class AxisClient(ABC):
         may not be sent twice is asked for again later in the run: the same bad reply each time is
         the device's own as well.
         """
-        is_repeatable = index in self.face.repeatable
-        earlier = [] if is_repeatable else self.session.run.unrepeated.setdefault(index, [])
+        quality = self.session.run.quality
+        earlier = quality.unrepeated.setdefault(index, [])
         bad: list[bytes] = []
         since_ns: int | None = None  # the first sending that may have been obeyed
         for _ in range(RETRY.exchange):
             is_good = self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None)
-            is_believed = self.session.is_believed(
-                bad, exchange.reply.raw, is_good=is_good, earlier=earlier
-            )
             if is_good:
                 earlier.clear()
-            if is_believed:
+            if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
                 break
             words = f"{self.explained(exchange.request)}: {exchange.reply}"
             if exchange.kind is not ReplyKind.NACK:
-                if not is_repeatable:
+                if index not in self.face.repeatable:
                     earlier.append(exchange.reply.raw)
-                    if self.session.check is not None:
+                    self.session.is_reproduced = quality.is_reproduced(earlier)
+                    if self.session.is_reproduced:
+                        quality.note_wrong()
+                    elif self.session.check is not None:
                         self.session.void_attempt(words)
                     break
                 since_ns = exchange.taken.earliest_ns if since_ns is None else since_ns
