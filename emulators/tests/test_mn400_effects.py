@@ -6,30 +6,12 @@ from functools import cache
 import pytest
 from mn400_bench import REPLY_MS, Mn400Bench
 from mn400_effects import MOTIONS, SETTINGS, line_of, rest, shown
-from mn400_state_table import arrows, cells
+from mn400_state_table import REACHED, arrows, cells
 
 from axistwin.devices.mn400.link.packets import packet
 
 TABLE = cells()
 ARROWS = arrows()
-
-REACHED = {
-    "RDY": (),
-    "MOV": ("M5000",),
-    "QUE": ("M5000", "M,1"),
-    "PAU": ("M5000", "{"),
-    "HLD": ("H",),
-    "HPD": ("H", "M3000"),
-    "CCB": ("(", "M3000"),
-    "CCX": ("(", "M5000", ")"),
-    "PRG": ("Z", "M1"),
-    "CFG": (".", "M1"),
-    "RUN": ("Z", "M5000", "\x04", "U"),
-    "JOG": ("J1",),
-    "THR": ("T5,0,0,0,10",),
-    "ABT": ("M5000", "Q"),
-}
-"""What brings a board into each state, with something in it that can be lost."""
 
 BEFORE = {"U": ("Z", "M3000", "\x04")}
 NO_EFFECT = {"D0", "V", "V*", "PR", "NP", "MP", "BY", "IC", "IP", "R&"}

@@ -84,3 +84,22 @@ def arrows() -> dict[tuple[str, str], str]:
         for before, after in (way.split(">") for way in ways):
             found[letter, before] = after
     return found
+
+
+REACHED = {
+    "RDY": (),
+    "MOV": ("M5000",),
+    "QUE": ("M5000", "M,1"),
+    "PAU": ("M5000", "{"),
+    "HLD": ("H",),
+    "HPD": ("H", "M3000"),
+    "CCB": ("(", "M3000"),
+    "CCX": ("(", "M5000", ")"),
+    "PRG": ("Z", "M1"),
+    "CFG": (".", "M1"),
+    "RUN": ("Z", "M5000", "\x04", "U"),
+    "JOG": ("J1",),
+    "THR": ("T5,0,0,0,10",),
+    "ABT": ("M5000", "Q"),
+}
+"""What brings a board into each state, with something in it that can be lost."""
