@@ -114,7 +114,7 @@ def compensation(
     """
     memory = settings.lash_memory if memory is None else memory
     first, second, third, fourth = (
-        lash * _sign(directions[axis]) if directions[axis] * memory[axis] < 0 else 0
+        -lash * memory[axis] if directions[axis] * memory[axis] < 0 else 0
         for axis, lash in enumerate(settings.lash)
     )
     taken_up = (first, second, third, fourth)
@@ -124,10 +124,6 @@ def compensation(
     if settings.rules.backlash_speed == "start" and speed > 0:
         speed = min(speed, settings.profile.start)
     return [straight_part(settings, taken_up, speed, is_commanded=False)]
-
-
-def _sign(value: int) -> int:
-    return (value > 0) - (value < 0)
 
 
 def assembled(
