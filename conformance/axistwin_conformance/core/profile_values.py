@@ -154,6 +154,23 @@ def _flag_map(text: str) -> str | None:
     return text
 
 
+def _decimal(text: str) -> str | None:
+    """A number above 0 with or without places, of which zeros at the end are left out."""
+    is_number = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", text) is not None
+    if not is_number or not float(text):
+        return None
+    whole, _, places = text.partition(".")
+    return f"{int(whole)}.{places.rstrip('0')}".rstrip(".")
+
+
+def _shown(text: str) -> str | None:
+    return text if re.fullmatch(r"[ -~]{1,40}", text) else None
+
+
+def _exit_code(text: str) -> str | None:
+    return Range(0, 0xFF).read(text)
+
+
 def _or(word: str, read: Callable[[str], str | None]) -> Callable[[str], str | None]:
     return lambda text: word if text == word else read(text)
 
@@ -197,6 +214,23 @@ FORMS: Final[Mapping[str, Value]] = {
     "data_size": Range(128, 65_536),
     "auto_start": Choice(("false", "true")),
     "transport": Choice(("auto", "rs232", "rs485")),
+    "poll_slot_ms": Form("auto, or milliseconds such as 14.5", _or("auto", _decimal)),
+    "rx_timeout_ms": Range(2, 60_000),
+    "rx_payload_max": Range(1, 9000),
+    "cc_capacity": Range(1, 100_000),
+    "queue_depth": Range(0, 10_000),
+    "nvm_size": Range(16, 65_536),
+    "nvm_line_overhead": Range(0, 16),
+    "arc_radius_tol": Form("steps such as 2.5", _decimal),
+    "abort_exit_code": Form("keep, or 0..255", _or("keep", _exit_code)),
+    "jog_hold_ms": Range(1, 60_000),
+    "power_on_position": Range(-SIGN_32 + 1, SIGN_32 - 1),
+    "firmware": Form("at most 40 printable characters of ASCII", _shown),
+    "axes": Range(1, 4),
+    "mn100_codes": Choice(("false", "true")),
+    "motion_done": Choice(("at_once", "at_end")),
+    "queue_full_code": Choice(("slavebuffov", "busy")),
+    "start_null": Choice(("true", "false")),
     "flag_map": Form("generic, or KIND:FIRST-LAST/...", _or("generic", _flag_map)),
 }
 

@@ -19,7 +19,6 @@ EXAMPLE_LINES: Final = (
     "V3000", "M500,,500", "M505,,500", "M509,,500", "V3850", "M530,,505", "M520,,510",
 )  # fmt: skip
 EXAMPLE_STEPS: Final = 2564  # along its longest axis
-CAPACITY: Final = 256  # segments (MN4-CMD-CC-09)
 SAME_SPEED: Final = Fraction(1, 20)  # s, by which one motion may be seen to differ from another
 
 
@@ -189,16 +188,17 @@ def a_running_contour_can_be_paused_and_quit(session: Session) -> None:
 
 
 @check("MN4-CMD-CC-09", safety=MOTION, level="full")
-def a_contour_has_room_for_256_segments(session: Session) -> None:
+def a_contour_has_room_for_its_segments(session: Session) -> None:
     """One more is SLAVEBUFFOV; Q forgets them all."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
+    capacity = int(driver.reading("cc_capacity"))
     motion.ready()
     motion.set("(")
-    for number in range(CAPACITY):
+    for number in range(capacity):
         exchange = driver.ask(f"M{1 if number % 2 else -1}")
         if not exchange.says(*DONE):
-            driver.tells(False, "MN4-CMD-CC-09", f"{CAPACITY} segments", f"{number}: {exchange}")
+            driver.tells(False, "MN4-CMD-CC-09", f"{capacity} segments", f"{number}: {exchange}")
             break
     else:
         exchange = driver.ask("M1")

@@ -38,6 +38,8 @@ def return_to_start(session: Session, driver: BoardDriver) -> str:
     """End any motion and go home; why that could not be, or nothing."""
     driver.ask("Q")
     wait_for_rest(driver) if driver.reading("quit_decel") == "true" else driver.position()
+    if session.run.readings.guess("move_abort_use", "") == "while_aborted":
+        driver.ask("|")  # else no DONE comes until the next motion (MN4-AMB-51)
     guard = session.transport.travel_guard
     if not isinstance(guard, BoardTravelGuard):
         return ""

@@ -18,7 +18,6 @@ from axistwin_conformance.families.mn400.snapshot import put_back
 ORDER = 10  # of this module in a run; see `Family.modules`
 
 TRAILERS: Final = (b"\x06", b"", b"\x06\x00", b"\x05", b"\x05\x00", b"\x00")
-DOT_NUL: Final = ".\x00"
 MS: Final = 1_000_000
 LONGEST_S: Final = 10.0  # a time-out that has not run out by then counts as none
 COARSE_MS: Final = 50  # a time measured on a real line is told in steps of so many
@@ -68,10 +67,9 @@ def data_value_encoding(driver: BoardDriver) -> Outcome:
     exchange = driver.ask("E")
     if exchange.value is None:
         return str(exchange)
-    if exchange.value.fields is not None:
-        return 0
-    told = exchange.value.text
-    return 1 if DOT_NUL in told else repr(told)
+    if exchange.value.fields is None:
+        return repr(exchange.value.text)
+    return int(exchange.value.is_dotted)
 
 
 @probe()
