@@ -360,8 +360,8 @@ def backlash_speed(driver: BoardDriver) -> Outcome:
 def backlash_arc(driver: BoardDriver) -> Outcome:
     """Whether an arc on which two axes turn is over when it is without compensation on the way."""
     motion = BoardMotion(driver)
-    motion.ready("B100,100,100,100", speed=500)
-    motion.set("A-300,-300,-600,-600,1")
+    motion.ready("B20,20,20,20", speed=100)
+    motion.set("A-30,-30,-60,-60,1")
     motion.wait_until(motion.ends[1] + LAG_S + Fraction(1, 20))
     place, _ = motion.read()
     last = motion.rest()
