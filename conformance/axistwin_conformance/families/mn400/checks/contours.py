@@ -31,20 +31,21 @@ def contour(
         motion.do(line, requirement)
 
 
-@check("MN4-CMD-CC-02", "MN4-CMD-CC-05", "MN4-CC-01", "MN4-CC-03", "MN4-CC-04", "MN4-CC-06",
-       "MN4-CC-05", safety=MOTION)  # fmt: skip
+@check("MN4-CMD-CC-01", "MN4-CMD-CC-02", "MN4-CMD-CC-05", "MN4-CC-01", "MN4-CC-03", "MN4-CC-04",
+       "MN4-CC-06", "MN4-CC-05", safety=MOTION)  # fmt: skip
 def the_example_takes_the_time_of_its_margin(session: Session) -> None:
     """Five segments on two axes with margins of 50 and 20: every reading on the way and the end
     are those of the fastest plan that keeps both."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(EXAMPLE_STEPS, "the example's segments")
     motion.needs_speed(3850, "the example's segments")
-    for opening, requirement in (("(50", "MN4-CC-04"), ("(", "MN4-CC-05"), ("(20", "MN4-CC-04")):
+    usual = ("MN4-CC-05", "MN4-CMD-CC-01")
+    for opening, names in (("(50", ("MN4-CC-04",)), ("(", usual), ("(20", ("MN4-CC-04",))):
         motion.ready()
         contour(motion, opening, EXAMPLE_LINES)
         motion.do(")", "MN4-CMD-CC-05")
-        path = (requirement, "MN4-CC-03", "MN4-CC-06")
-        motion.follow(path, "MN4-CC-01", (*path, "MN4-CMD-CC-05"), samples=10)
+        path = (*names, "MN4-CC-03", "MN4-CC-06", "MN4-CMD-CC-05")
+        motion.follow(path, "MN4-CC-01", path, samples=10)
 
 
 @check("MN4-CC-01", "MN4-CMD-CC-02", "MN4-CMD-CC-04", "MN4-STM-06", safety=MOTION)

@@ -65,6 +65,7 @@ def taps_move_in_jog_mode_alone(session: Session) -> None:
                 place[axis] += 8 * direction * times * is_on
                 counters = tap(motion, axis, direction, times)
                 names = ("MN4-JOG-01", "MN4-CMD-G-01") if is_on else ("MN4-JOG-07",)
+                names = (*names, "MN4-CMD-J-01")
                 session.expect(counters == tuple(place), names, tuple(place), counters)
     session.expect(motion.driver.is_present(), "MN4-CMD-J-01", "an answer in run mode", "none")
 
