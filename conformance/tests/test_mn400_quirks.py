@@ -40,6 +40,7 @@ EVERYWHERE: list[dict[str, str]] = [
     {"data_value_encoding": "dot_nul", "data_packet_trailer": "00"},
     {"move_abort_use": "while_aborted"},
     {"has_feedhold_cmds": "false"},
+    {"retransmit_in_entry": "store"},
 ]
 
 

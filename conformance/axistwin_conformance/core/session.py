@@ -17,7 +17,7 @@ from typing import Any, NoReturn, Protocol, cast
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import AttemptVoid, TargetError
-from axistwin_conformance.base.events import Listener, MotionSampled
+from axistwin_conformance.base.events import Listener, MotionSampled, PathSampled
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.line_quality import LineQuality, SilenceLimit
 from axistwin_conformance.base.recording import Recording
@@ -175,6 +175,7 @@ class Motions:
         self._check = check
         self.count = 0  # sampled so far, kept or not
         self._kept: dict[str, MotionSampled] = {}
+        self._paths: dict[str, PathSampled] = {}
 
     def sample(
         self,
@@ -194,6 +195,19 @@ class Motions:
         self._kept[name] = MotionSampled(
             self._check, name, (*so_far.measured, *measured), (*so_far.predicted, *predicted)
         )
+
+    def trace(self, name: str, axes: tuple[str, str], point: tuple[int, ...]) -> None:
+        """Record where two axes were together: a point as `PathSampled` has it."""
+        before = self._paths.get(name)
+        if before is None and len(self._paths) == MOTIONS_KEPT:
+            self._paths.popitem()
+        points = () if before is None else before.points
+        self._paths[name] = PathSampled(self._check, name, axes, (*points, point))
+
+    @property
+    def paths(self) -> tuple[PathSampled, ...]:
+        """The first ones and the last."""
+        return tuple(self._paths.values())
 
     @property
     def kept(self) -> tuple[MotionSampled, ...]:

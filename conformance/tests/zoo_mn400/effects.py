@@ -118,11 +118,9 @@ def a_repeat_is_read_anew(patch: MonkeyPatch) -> None:
 
         def other(now: int) -> Any:
             last = again(now)
-            told = getattr(last, "value", None)
-            if not told or str(told).count(",") != 3:
+            if last is None or last.value is None or last.value.count(",") != 3:
                 return last
-            fresh = ",".join(map(str, readout.position_at(now)))
-            return last._replace(value=fresh.encode() if isinstance(told, bytes) else fresh)
+            return last._replace(value=",".join(map(str, readout.position_at(now))))
 
         return answer._replace(parts=[answer.parts[0]._replace(message=other)])
 
@@ -355,13 +353,13 @@ def a_contour_has_the_speed_of_its_last_segment(patch: MonkeyPatch) -> None:
 
 @board_mutant("MN4-BKL-02")
 def an_axis_that_stands_forgets_its_direction(patch: MonkeyPatch) -> None:
-    """With each move the memory of the other axes becomes positive."""
+    """A move of one axis lets the others remember the negative direction."""
 
     def act(go: Any_, now: int, settings: MoveSettings, displacement: Any) -> Any:
-        memory = settings.lash_memory
+        rows = zip(displacement, settings.lash_memory, strict=True)
+        first, second, third, fourth = (m if d else -1 for d, m in rows)
         if sum(one != 0 for one in displacement) == 1:
-            memory = tuple(-1 if not d else m for d, m in zip(displacement, memory, strict=True))
-            settings = replace(settings, lash_memory=memory)
+            settings = replace(settings, lash_memory=(first, second, third, fourth))
         return go(now, settings, displacement)
 
     plans(patch, "straight", act)
@@ -416,8 +414,8 @@ def quit_in_a_pause_is_not_heard(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-CMD-N-02", "MN4-LIM-08")
-def nothing_is_left_behind_an_abort(patch: MonkeyPatch) -> None:
-    """N is what was made and not what was left, once a move has ended early."""
+def too_much_is_left_behind_an_abort(patch: MonkeyPatch) -> None:
+    """N is twice what is left, once a move has ended early."""
 
     def change(text: str, readout: Any, now: int) -> str:
         if readout._mover.is_busy:

@@ -87,12 +87,13 @@ def coordinates_are_those_of_the_mode(session: Session) -> None:
     ):  # fmt: skip
         motion.run(text, requirement)
     motion.do(motion.mode(is_absolute=True), "MN4-CMD-I-02")
-    for text, requirement in (
+    for text, names in (
         ("M50,40,30,20", ("MN4-CMD-M-02", "MN4-CMD-I-01", "MN4-CMD-L-02")),
-        ("M,,-10", ("MN4-PAR-06", "MN4-CMD-I-03")), ("M60", "MN4-PAR-07"),
-        ("M60,,-10", "MN4-CMD-I-01"), ("M70,", "MN4-PAR-10"), ("M0,0,0,0", "MN4-CMD-I-02"),
+        ("M,,-10", ("MN4-PAR-06", "MN4-CMD-I-03")), ("M60", ("MN4-PAR-07",)),
+        ("M60,,-10", ("MN4-CMD-I-01",)), ("M70,", ("MN4-PAR-10",)),
+        ("M0,0,0,0", ("MN4-CMD-I-02",)),
     ):  # fmt: skip
-        motion.run(text, requirement)
+        motion.run(text, names)
     motion.do("L100,100,100,100", "MN4-CMD-L-02")
     motion.run("M120,90,100,110", "MN4-CMD-L-02")
     motion.do(motion.mode(is_absolute=False), "MN4-CMD-I-03")

@@ -3,6 +3,7 @@ abort leaves behind.  All moves are short and slow; what is told by inputs takes
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
@@ -53,7 +54,10 @@ def move_abort_use(driver: BoardDriver) -> Outcome:
     driver.command(f"M{steps}")
     driver.ask("Q")
     said = [codec.codes_of(driver.ask(text).found)[-1:] for text in ("X1", "|", "X1")]
-    readings = {(("DONE",), ("DONE",)): 0, (("MOVE_ABORT",), ("DONE",)): 1}
+    readings: Mapping[tuple[tuple[str, ...], tuple[str, ...]], int] = {
+        (("DONE",), ("DONE",)): 0,
+        (("MOVE_ABORT",), ("DONE",)): 1,
+    }
     return readings.get((said[0], said[2]), f"{said}")
 
 
