@@ -155,12 +155,16 @@ def _flag_map(text: str) -> str | None:
 
 
 def _decimal(text: str) -> str | None:
-    """A number above 0 with or without places, of which zeros at the end are left out."""
-    is_number = re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", text) is not None
-    if not is_number or not float(text):
+    """A number with or without places, of which zeros at the end are left out."""
+    if re.fullmatch(r"[0-9]{1,5}(\.[0-9]{1,3})?", text) is None:
         return None
     whole, _, places = text.partition(".")
     return f"{int(whole)}.{places.rstrip('0')}".rstrip(".")
+
+
+def _duration(text: str) -> str | None:
+    read = _decimal(text)
+    return None if read == "0" else read
 
 
 def _shown(text: str) -> str | None:
@@ -168,7 +172,8 @@ def _shown(text: str) -> str | None:
 
 
 def _exit_code(text: str) -> str | None:
-    return Range(0, 0xFF).read(text)
+    digits = text.lstrip("0") if re.fullmatch("[0-9]+", text) else "none"
+    return Range(0, 0xFF).read(digits or "0")
 
 
 def _or(word: str, read: Callable[[str], str | None]) -> Callable[[str], str | None]:
@@ -214,7 +219,9 @@ FORMS: Final[Mapping[str, Value]] = {
     "data_size": Range(128, 65_536),
     "auto_start": Choice(("false", "true")),
     "transport": Choice(("auto", "rs232", "rs485")),
-    "poll_slot_ms": Form("auto, or milliseconds such as 14.5", _or("auto", _decimal)),
+    "poll_slot_ms": Form("auto, or milliseconds such as 14.5", _or("auto", _duration)),
+    "long_max": Range(2_147_000_000, SIGN_32 - 1),
+    "long_min": Range(-SIGN_32, -2_147_000_000),
     "rx_timeout_ms": Range(2, 60_000),
     "rx_payload_max": Range(1, 9000),
     "cc_capacity": Range(1, 100_000),
