@@ -189,7 +189,7 @@ def a_running_contour_can_be_paused_and_quit(session: Session) -> None:
 
 
 @check("MN4-CMD-CC-09", safety=MOTION, level="full")
-def a_contour_has_room_for_its_segments(session: Session) -> None:
+def a_contour_has_room_for_256_segments(session: Session) -> None:
     """One more is SLAVEBUFFOV; Q forgets them all."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
