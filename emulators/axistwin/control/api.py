@@ -43,7 +43,7 @@ from axistwin.control.models import (
 from axistwin.control.traffic import TrafficWords, select
 from axistwin.control.watching import WATCHERS_MAX, Watching
 from axistwin.devices.controls import AxisReadout
-from axistwin.errors import UnknownNameError, UsageError, nearest
+from axistwin.errors import UnknownNameError, UsageError
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.control_access import BoundControl
 from axistwin.runtime.serving.live import Live
@@ -144,10 +144,7 @@ class Api:
         return TrafficList(line=line, messages=chosen)
 
     def _find_line(self, name: str) -> AnyServer:
-        server = self._rack.lines.get(name)
-        if server is None:
-            raise UnknownNameError(f"no line {name!r}: {nearest(name, self._rack.lines)}")
-        return server
+        return self._rack.lines[self._rack.find_line(name)]
 
     async def devices(self) -> DeviceList:
         """Those of lines that are served."""
