@@ -23,6 +23,7 @@ from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemoryStorage, Stores
+from axistwin.wire.faults import WireFaults
 
 DEFAULT_BITRATE = 125_000
 """Of a bus, bits per second."""
@@ -209,10 +210,11 @@ def build_line(
         clock = PacedClock() if clock is None else clock
         stations = _stations(specs, quirks or {}, seed, storage, baud)
         devices = [cast(SerialDevice, station.device) for station in stations]
-        network = SerialNetwork(devices, start_ns=clock.now_ns(), paced=paced)
-        network.host_format = devices[0].line_format
         is_alike = len({model.name for model in used}) == 1
         family = used[0].family if is_alike else used[0].family.of_any_model()
+        faults = WireFaults("serial", family.explain, seed)
+        network = SerialNetwork(devices, start_ns=clock.now_ns(), paced=paced, faults=faults)
+        network.host_format = devices[0].line_format
         line = Line(network, clock, storage, stations, explain=family.explain)
         for index, program in loads.items():
             line.twins[index].load_program(program)
@@ -252,7 +254,11 @@ def build_bus(
         clock = PacedClock() if clock is None else clock
         stations = _stations(specs, quirks or {}, seed, storage, None)
         devices = [cast(CanDevice, station.device) for station in stations]
-        network = CanNetwork(devices, bitrate=bitrate, start_ns=clock.now_ns(), paced=paced)
+        faults = WireFaults("can", used[0].explain, seed)
+        start_ns = clock.now_ns()
+        network = CanNetwork(
+            devices, bitrate=bitrate, start_ns=start_ns, paced=paced, faults=faults
+        )
         bus = Bus(network, clock, storage, stations, explain=used[0].explain)
         if cold:
             for twin in bus.twins:
