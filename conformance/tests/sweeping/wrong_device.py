@@ -432,9 +432,9 @@ def planted(fault: Fault, model: str, tally: Tally) -> Iterator[str]:
             wrapped, place = fault, ""
         made = DeviceNetwork.__init__
 
-        def making(self: Any, devices: Any, start_ns: int) -> None:
+        def making(self: Any, devices: Any, *given: Any) -> None:
             wrong = [WrongDevice(one, wrapped, FORMATS[model], tally) for one in devices]
-            made(self, wrong, start_ns)
+            made(self, wrong, *given)
 
         patch.setattr(DeviceNetwork, "__init__", making)
         forget()
