@@ -206,16 +206,6 @@ def test_a_module_whose_replies_are_all_wrong_in_one_byte_is_one(fault: Fault) -
 
 
 @pytest.mark.strength
-def test_a_twin_that_is_woken_for_ever_at_one_instant_is_no_device() -> None:
-    """Its fault is that it does not do what it was woken for."""
-    known = functions("mac23-can")
-    at = next(n for n, one in enumerate(known) if one[1] == "_take_over")
-    setting = Setting("mac23-can", "a plain port", "quick", 300, is_exitfirst=True)
-    row = FaultSweep(setting, seed=1).judge_fault(Fault("inside", "not done", at=at), setting)
-    assert row["outcome"] == "no device", row
-
-
-@pytest.mark.strength
 def test_a_unit_1_alone_on_two_wires_conforms() -> None:
     """Nothing but what is spoilt when both talk tells it from one on RS-232."""
     row = QuirkSweep(Setting("msc-250", "a plain port", "quick", 300), seed=1).judge_readings(

@@ -24,7 +24,6 @@ from axistwin.wire.can_frame import CanFrame
 from sweeping.faults import CHANGES, Fault
 from sweeping.formats import FORMATS, Format
 
-MOST_WAKES = 200  # at one instant: who wants more of them never gets on
 GHOST_NS = 60_000_000  # so long a device answers whose effects are forgotten
 BYTE_NS = 1_000_000
 # Of processor time, for one chunk or wake-up: a twin whose fault makes it turn on the spot is no
@@ -70,7 +69,6 @@ class WrongDevice:
         self._sent: dict[Any, Any] = {}  # frame as it left → as the twin made it
         rate = fault.amount if fault.part == "clock" else 1000
         self._rate = Fraction(rate, 1000)
-        self._woken_ns, self._wakes = -1, 0
         self._origin_ns: int | None = None if rate != 1000 else 0
         tally.hits += rate != 1000
 
@@ -104,11 +102,6 @@ class WrongDevice:
 
     def wake(self, now: int) -> list[Any]:
         """Do what is due."""
-        self._wakes = self._wakes + 1 if now == self._woken_ns else 1
-        self._woken_ns = now
-        if self._wakes > MOST_WAKES:
-            self._tally.crash = f"woken for ever at {now} ns"
-            return []
         found: list[Any] = []
         if self._true is not None and now >= self._ghost_until_ns:
             self._lay_ghost(now)
