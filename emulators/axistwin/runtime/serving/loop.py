@@ -31,10 +31,18 @@ _FOREVER_S = -1.0
 
 
 Callback: TypeAlias = Callable[[], object]
+OnFailure: TypeAlias = Callable[[Exception], object]
+
+
+def _pass_on(error: Exception) -> None:
+    raise error
 
 
 class _HasDescriptor(Protocol):
     def fileno(self) -> int: ...
+
+
+_Watch: TypeAlias = tuple[Callback, OnFailure]
 
 
 class Loop:
@@ -42,8 +50,8 @@ class Loop:
 
     def __init__(self) -> None:
         self._epoll = select.epoll()
-        self._readers: dict[int, Callable[[], object]] = {}
-        self._writers: dict[int, Callable[[], object]] = {}
+        self._readers: dict[int, _Watch] = {}
+        self._writers: dict[int, _Watch] = {}
         self._soon: deque[Callable[[], object]] = deque()
         self._later: list[tuple[float, int, Callable[[], object]]] = []
         self._numbers = count()
@@ -57,13 +65,20 @@ class Loop:
 
     # -- descriptors --
 
-    def add_reader(self, fd: int | _HasDescriptor, callback: Callable[[], object]) -> None:
-        """Call ``callback`` whenever ``fd`` can be read, in place of what was called before."""
-        self._watch(self._readers, fd, callback)
+    def add_reader(
+        self, fd: int | _HasDescriptor, callback: Callback, on_failure: OnFailure = _pass_on
+    ) -> None:
+        """Call ``callback`` whenever ``fd`` can be read, in place of what was called before.
 
-    def add_writer(self, fd: int | _HasDescriptor, callback: Callable[[], object]) -> None:
-        """Call ``callback`` whenever ``fd`` can be written, in place of what was called before."""
-        self._watch(self._writers, fd, callback)
+        on_failure: called with what ``callback`` raises; otherwise that ends ``run``.
+        """
+        self._watch(self._readers, fd, (callback, on_failure))
+
+    def add_writer(
+        self, fd: int | _HasDescriptor, callback: Callback, on_failure: OnFailure = _pass_on
+    ) -> None:
+        """Call ``callback`` whenever ``fd`` can be written, as ``add_reader``."""
+        self._watch(self._writers, fd, (callback, on_failure))
 
     def remove_reader(self, fd: int | _HasDescriptor) -> None:
         """Do not wait for ``fd`` to be readable; it need not have a reader."""
@@ -73,21 +88,16 @@ class Loop:
         """Do not wait for ``fd`` to be writable; it need not have a writer."""
         self._forget(self._writers, fd)
 
-    def _watch(
-        self,
-        callbacks: dict[int, Callable[[], object]],
-        fd: int | _HasDescriptor,
-        callback: Callable[[], object],
-    ) -> None:
+    def _watch(self, watches: dict[int, _Watch], fd: int | _HasDescriptor, watch: _Watch) -> None:
         number = fd if isinstance(fd, int) else fd.fileno()
         is_known = number in self._readers or number in self._writers
-        callbacks[number] = callback
+        watches[number] = watch
         set_events = self._epoll.modify if is_known else self._epoll.register
         set_events(number, self._events(number))
 
-    def _forget(self, callbacks: dict[int, Callable[[], object]], fd: int | _HasDescriptor) -> None:
+    def _forget(self, watches: dict[int, _Watch], fd: int | _HasDescriptor) -> None:
         number = fd if isinstance(fd, int) else fd.fileno()
-        if callbacks.pop(number, None) is None:
+        if watches.pop(number, None) is None:
             return
         events = self._events(number)
         if events:
@@ -153,13 +163,21 @@ class Loop:
                 return
             for fd, events in poll(timeout_s, _EVENTS_MAX):
                 # Looked up now: an earlier callback may have removed this one.
-                callback = readers.get(fd)
-                if callback is not None and events != writable:
-                    callback()
-                if events != readable:
-                    callback = writers.get(fd)
-                    if callback is not None:
+                watch = readers.get(fd)
+                if watch is not None and events != writable:
+                    callback, on_failure = watch
+                    try:
                         callback()
+                    except Exception as error:
+                        on_failure(error)
+                if events != readable:
+                    watch = writers.get(fd)
+                    if watch is not None:
+                        callback, on_failure = watch
+                        try:
+                            callback()
+                        except Exception as error:
+                            on_failure(error)
 
     def stop(self) -> None:
         """Make ``run`` return soon; from any thread, also before it runs or when it is closed."""
@@ -208,11 +226,11 @@ class LoopShare:
 
     def add_reader(self, fd: int | _HasDescriptor, callback: Callback) -> None:
         """As the loop's."""
-        self._loop.add_reader(fd, self._guarded(callback))
+        self._loop.add_reader(fd, callback, self._on_failure)
 
     def add_writer(self, fd: int | _HasDescriptor, callback: Callback) -> None:
         """As the loop's."""
-        self._loop.add_writer(fd, self._guarded(callback))
+        self._loop.add_writer(fd, callback, self._on_failure)
 
     def remove_reader(self, fd: int | _HasDescriptor) -> None:
         """As the loop's."""
