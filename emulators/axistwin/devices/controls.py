@@ -13,7 +13,7 @@ Rules
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 from axistwin.errors import UsageError, nearest
 
@@ -159,8 +159,7 @@ class ControlTable:
         return [control.python_name for control in self.controls if control.python_name]
 
 
-@dataclass(frozen=True, slots=True)
-class AxisReadout:
+class AxisReadout(NamedTuple):
     """How the motion of a device is followed, to be plotted.
 
     names: of its axes.  unit: of positions.  position, rate: the controls that have them (rate per

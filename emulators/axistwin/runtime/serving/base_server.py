@@ -187,7 +187,7 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
             due = self.simulation.clock.now_ns()
         present = self._alarm_ns
         if due == present or (
-            present is not None and 0 <= present and (due is None or present < due)
+            present is not None and present >= 0 and (due is None or present < due)
         ):
             return
         self._alarm_ns = due
