@@ -26,6 +26,8 @@ from itertools import count
 from types import MappingProxyType
 from typing import Any, Protocol, TypeAlias
 
+from axistwin.runtime.serving.opens import OpenWatches
+
 _EVENTS_MAX = 64
 _FOREVER_S = -1.0
 
@@ -55,6 +57,7 @@ class Loop:
         self._soon: deque[Callable[[], object]] = deque()
         self._later: list[tuple[float, int, Callable[[], object]]] = []
         self._numbers = count()
+        self._opens: OpenWatches | None = None
         self._is_stopped = False
         self.has_server = False
         self._signals: dict[signal.Signals, Any] = {}
@@ -108,6 +111,23 @@ class Loop:
     def _events(self, number: int) -> int:
         reads = select.EPOLLIN if number in self._readers else 0
         return reads | (select.EPOLLOUT if number in self._writers else 0)
+
+    # -- files --
+
+    def add_open_watch(self, path: str, callback: Callback) -> int:
+        """Call ``callback`` when ``path`` has been opened; returns what to remove.
+
+        Several opens may be told as one.  Raises OSError.
+        """
+        if self._opens is None:
+            self._opens = OpenWatches()
+            self.add_reader(self._opens, self._opens.tell)
+        return self._opens.add(path, callback)
+
+    def remove_open_watch(self, number: int) -> None:
+        """Undo ``add_open_watch``."""
+        assert self._opens is not None
+        self._opens.remove(number)
 
     # -- times, and other threads --
 
@@ -192,6 +212,8 @@ class Loop:
             signal.signal(number, previous)
         self._signals.clear()
         self._epoll.close()
+        if self._opens is not None:
+            self._opens.close()
         woken, wake = self._woken, self._wake
         self._woken = self._wake = -1  # first: another thread may want to wake us just now
         os.close(woken)
@@ -239,6 +261,14 @@ class LoopShare:
     def remove_writer(self, fd: int | _HasDescriptor) -> None:
         """As the loop's."""
         self._loop.remove_writer(fd)
+
+    def add_open_watch(self, path: str, callback: Callback) -> int:
+        """As the loop's."""
+        return self._loop.add_open_watch(path, self._guarded(callback))
+
+    def remove_open_watch(self, number: int) -> None:
+        """As the loop's."""
+        self._loop.remove_open_watch(number)
 
     def call_soon(self, callback: Callable[..., object], *arguments: object) -> None:
         """As the loop's; from any thread."""

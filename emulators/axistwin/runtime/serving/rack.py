@@ -209,6 +209,8 @@ class Rack:
         )
         self._thread.start()
         assert ready.wait(START_TIMEOUT_S), "the rack's thread did not start"
+        if self._failure is not None:
+            self.stop()  # which raises it
 
     def stop(self) -> None:
         """Stop the thread and close everything.  Raises what made the last line fail, if it did."""
