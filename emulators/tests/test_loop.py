@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -252,7 +253,7 @@ def test_an_open_is_told_to_who_watches_the_file_until_that_is_removed(
     numbers = []
     for path in paths:
         path.touch()
-        numbers.append(loop.add_open_watch(str(path), lambda path=path: opened.append(path.name)))
+        numbers.append(loop.add_open_watch(str(path), partial(opened.append, path.name)))
     paths[1].read_bytes()
     run_for(loop, 0.01)
     assert opened == ["b"]

@@ -149,6 +149,8 @@ class Interpreter:
     def _moving_state(self, letter: str) -> BoardState:
         """The column, if nothing is entered and nothing pending."""
         mover = self._mover
+        if mover.order is None and not (self.is_holding or self._jogger.is_on):
+            return BoardState.ABT if mover.is_aborted else BoardState.RDY
         command = self._commands.get(letter)
         is_held = command is not None and command.is_motion and self.is_holding
         if mover.is_paused and not is_held:
