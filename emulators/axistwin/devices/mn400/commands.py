@@ -208,7 +208,8 @@ class Interpreter:
     def _started(self, line: BoardLine, code: ReturnCode) -> Answer:
         """START and ``code``, which may have to wait for the end of a motion (rule 3)."""
         start = self._status(line.command, ReturnCode.START)
-        if code is ReturnCode.DONE and any(waits is line for _, waits in self._unanswered):
+        waiting = self._unanswered
+        if waiting and code is ReturnCode.DONE and any(waits is line for _, waits in waiting):
             return Answer([start], code)
         if code is ReturnCode.DONE and self._quirks.move_abort_use == "while_aborted":
             code = ReturnCode.MOVE_ABORT if self._mover.is_aborted else code
