@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from axistwin.cli.program import main
 from axistwin_conformance.base.transcript import Direction, Record
-from axistwin_conformance.report.by_hand import again, move_to_start, timeout_s
+from axistwin_conformance.report.by_hand import again, timeout_s
 from axistwin_conformance.report.json import plain
 
 MS = 1_000_000
@@ -91,10 +91,3 @@ def test_a_slow_reply_is_waited_for() -> None:
     records = [Record(0, Direction.HOST, b"\x02\x01"), Record(1002 * MS, Direction.DEVICE, b"\x15")]
     assert timeout_s(plain(records), (0,)) == 3
     assert timeout_s(plain([records[0], Record(MS, Direction.DEVICE, b"\x06")]), (0,)) == 0
-
-
-def test_an_axis_that_was_found_elsewhere_is_first_brought_there() -> None:
-    """A line that begins at 0 would show something else."""
-    shown = "25h (speeds) showed period 5", "20h (position) showed -200 increments"
-    assert move_to_start(shown) == ["go to -200", "wait 3000 ms"]
-    assert move_to_start(["20h (position) showed 0 increments"]) == []

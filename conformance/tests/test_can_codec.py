@@ -339,14 +339,17 @@ def test_each_form_of_the_emergency_message_is_recognised() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("601 23 16 20 00 03 E8 10 00", "to module 1: download 2016h segment 03E81000"),
-        ("601 40 00 20 00 00 00 00 00", "to module 1: upload 2000h position"),
+        (
+            "601 23 16 20 00 03 E8 10 00",
+            "to module 1: download 2016h (segment of 1000 steps at period 4096 × 0.125 µs)",
+        ),
+        ("601 40 00 20 00 00 00 00 00", "to module 1: upload 2000h (position)"),
         ("601 40 00 20 01 FF 00 00 00",
-         "to module 1: upload 2000h sub-index 01h position, filler FF000000"),
-        ("601 40 00 10 00 00 00 00 00", "to module 1: upload 1000h not used"),
-        ("601 22 0C 20 00 00 00 00 40", "to module 1: by 22h 200Ch torque limit 00000040"),
+         "to module 1: upload 2000h sub-index 01h (position), filler FF000000"),
+        ("601 40 00 10 00 00 00 00 00", "to module 1: upload 1000h (not used)"),
+        ("601 22 0C 20 00 00 00 00 40", "to module 1: by 22h 200Ch (torque limit 64)"),
         ("601 40 00", "to module 1: a request of 2 bytes (40 00)"),
-        ("600 23 11 20 00 00 00 00 00", "to all: download 2011h synchro 00000000"),
+        ("600 23 11 20 00 00 00 00 00", "to all: download 2011h (synchro)"),
         ("581 60 16 20 00 00 00 00 00", "module 1: accepted 2016h"),
         ("581 80 13 20 00 00 00 00 00", "module 1: refused 2013h"),
         ("581 80 13 20 00 22 00 00 08", "module 1: refused 2013h, abort code 08000022h"),

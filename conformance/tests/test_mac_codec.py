@@ -155,7 +155,7 @@ def test_requests_hold_their_numbers(address: int, index: int, parameter: int) -
 def test_explanations_name_command_address_and_flaws() -> None:
     """A line of a report says who is asked for what, and what is wrong with the frame."""
     frame = codec.request(5, 0x13, -1000)
-    assert codec.explain(frame.encode()) == "05: 13h go to position FFFFFC18"
+    assert codec.explain(frame.encode()) == "to module 05h: 13h (go to position -1000)"
     assert "checksum 34h instead of 33h" in codec.explain(frame.with_wrong_checksum().encode())
     assert "length field 011" in codec.explain(replace(frame, length=b"011").encode())
     assert "no frame" in codec.explain(frame.encode()[:-1])

@@ -123,7 +123,7 @@ def test_by_hand_leaves_out_what_was_refused_and_stops_of_what_did_not_move() ->
     refused = Record(3 * MS, Direction.DEVICE, b"\x06\x13\x17")
     sent = [host(0, 0x18), host(1, 0x0F, 5), host(2, 0x0F, 6), refused, host(4, 0x18)]
     moved = [*sent, host(5, 0x13, 9), host(6, 0x18), host(7, 0x20)]
-    assert telling(moved, in_words, ("1",), "2").by_hand == (1, 4, 5, 6, 7)
+    assert telling(moved, in_words, ("1",), "2").by_hand == (1, 5, 6, 7)
 
 
 def test_abbreviations_of_the_manual_are_spelt_out() -> None:
@@ -236,13 +236,49 @@ def test_of_a_short_sequence_every_operation_is_shown_and_sent_again() -> None:
     assert told.decisive == (9, 10)
 
 
-def test_the_state_before_the_first_request_is_told() -> None:
-    """As the device showed it before anything changed it."""
-    digits = "06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 32 35 31 37 03 1A"
-    place, moved = (Record(n * MS, Direction.DEVICE, bytes.fromhex(digits)) for n in (1, 7))
-    records = [host(0, 0x20), place, host(2, 0x0F, 1), host(4, 0x13, 80), host(6, 0x20), moved]
-    told = telling([*records, host(8, 0x18)], in_words, ("acceptance",), "nothing")
-    assert told.found == ("20h (position) showed 37 increments",)
+def answered(time_ms: int, digits: str = "06 13 1A") -> Record:
+    """A reply."""
+    return Record(time_ms * MS, Direction.DEVICE, bytes.fromhex(digits))
+
+
+AT_37 = "06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 32 35 31 37 03 1A"
+
+
+def test_the_place_where_a_move_began_comes_first() -> None:
+    """As the device showed it before anything changed it; nothing for an axis at 0, or at rest."""
+    records = [host(0, 0x20), answered(1, AT_37), host(2, 0x0F, 1), host(4, 0x13, 80)]
+    later = [host(6, 0x20), answered(7, AT_37.replace("32 35 31 37", "30 30 31 30"))]
+    told = telling([*records, *later, host(8, 0x18)], in_words, ("acceptance",), "nothing")
+    assert [one.text for one in told.before] == ["go to 37", "wait 1370 ms"]
+    assert telling([*records[:2], host(2, 0x25)], in_words, ("1",), "2").before == ()
+
+
+def test_by_hand_sends_only_what_the_last_request_depends_on() -> None:
+    """The move depends on its speed, which depends on nothing; a motor is on from the start."""
+    sent = [host(0, 0x1A), host(1, 0x0C, 9), host(2, 0x19), host(3, 0x0D, 900), host(4, 0x1C, 3)]
+    moved = [*sent, host(5, 0x13, 9), host(6, 0x20)]
+    assert telling(moved, in_words, ("1",), "2").by_hand == (3, 5, 6)
+    assert telling([*moved[:-1], host(6, 0x27)], in_words, ("1",), "2").by_hand == (3, 4, 5, 6)
+    assert telling([*sent, host(5, 0x0D, 8), host(6, 0x25)], in_words, ("1",), "2").by_hand == (
+        5,
+        6,
+    )
+
+
+def test_what_was_set_earlier_in_the_run_is_set_first() -> None:
+    """Unless the run found it so, or nothing depends on it; an axis that has moved goes back."""
+    speeds = "06 13 02 30 31 31 30 30 35 30 35 30 30 30 30 30 35 31 46 03 1A"
+    begun = [host(0, 0x25), answered(1, speeds), host(2, 0x0D, 900), answered(3)]
+    more = [host(4, 0x1C, 3), answered(5), host(6, 0x0E, 0x500), answered(7)]
+    run = [*begun, *more, host(8, 0x16, 0x0005_1000), answered(9)]
+    check = [mark("check this", 20), host(20, 0x20), answered(21, AT_37)]
+    moves = [*check, host(22, 0x16, 0x0005_1000), host(23, 0x20)]
+    told = telling(moves, in_words, ("1",), "2", history=lambda: [*run, *moves])
+    assert [one.data or one.text for one in told.before] == [
+        run[2].data, run[8].data, "wait 2500 ms", "go to 37", "wait 1370 ms",
+    ]  # fmt: skip
+    asks = [*check, host(22, 0x23)]
+    assert telling(asks, in_words, ("1",), "2", history=lambda: [*run, *asks]).before == ()
 
 
 def test_what_a_stop_has_not_changed_was_so_before_it() -> None:

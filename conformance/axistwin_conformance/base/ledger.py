@@ -133,7 +133,7 @@ class Ambiguity:
         """What is asked of a device, since the manual leaves open what it does."""
         return (
             f"{LEFT_OPEN} ({self.id}: {self.question.rstrip('.')}). Admissible is"
-            f" that the device {self.either(switch)}, each time the same."
+            f" a device that {self.either(switch)}, each time the same."
         ).replace(ANY_READING, "N")
 
     def default_of(self, switch: str) -> str:

@@ -68,9 +68,9 @@ class Finding:
     exchange that led here, for verdicts a reader will want to follow.  `sentence` says of a failure
     what the device did and what is expected.  Of the transcript, by number: `decisive`, the lines
     that decided; `by_hand`, the requests that show it again, and what was done to the rig between
-    them.  `no_hand`: why sending them is not enough.  `found`: what the device told of its state
-    before the first of them.  `rule`: what is asked of the device, where the requirement does not
-    say it.
+    them.  `no_hand`: why sending them is not enough.  `before`: what brings a device to the state
+    in which the check found it.  `rule`: what is asked of the device, where the requirement does
+    not say it.
     """
 
     requirement: str
@@ -83,5 +83,5 @@ class Finding:
     decisive: tuple[int, ...] = ()
     by_hand: tuple[int, ...] = ()
     no_hand: str = ""
-    found: tuple[str, ...] = ()
+    before: tuple[Record, ...] = ()
     rule: str = ""

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NoReturn, Protocol, cast
 
 from axistwin_conformance.base.check import Check
@@ -466,7 +467,8 @@ class Session:
         if not self.run.ledger.asks(name):
             return replace(shown, clause=clause, value=value, wanted=f"that it {before}")
         held_to = earlier(self, name)
-        clause += f", but earlier in this run it {before}"
+        held_for = "earlier in this run" if held_to else "by its profile, or all it has shown,"
+        clause += f", but {held_for} it {before}"
         return replace(
             shown, value=value, wanted="the same each time", earlier=held_to,
             clause=clause + asked_in(held_to, self.run.family.in_words), rule=ambiguity.rule(name),
@@ -581,7 +583,8 @@ def failure(
     """What failed, in words (see `wording`), with the end of the transcript, and of what was before
     it the lines that matter."""
     records, family = session.records(), session.run.family
-    told = telling(records, family.in_words, expected, actual, text, family.glossary)
+    history = partial(session.transport.transcript.since, 0)
+    told = telling(records, family.in_words, expected, actual, text, family.glossary, history)
     return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS)
 
 

@@ -11,7 +11,7 @@ was done to the rig.  The rest stands in the transcript.  A family puts one exch
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import pairwise
@@ -31,7 +31,9 @@ WAITED_MS: Final = re.compile(r"[0-9.]+ ms")
 BARE_NUMBER: Final = re.compile(r"-?[0-9]+( (to|or) -?[0-9]+)*")
 LIST: Final = re.compile(r"\[([^\[\]]*,[^\[\]]*)\]")
 BYTE: Final = re.compile(r"[0-9A-F]{2}")
-PLACE: Final = re.compile(rf"^({BARE_NUMBER.pattern})$|\bposition\b|\brest\b|\bstill -?[0-9]")
+POSITION_LIKE: Final = re.compile(
+    rf"^({BARE_NUMBER.pattern})$|\bposition\b|\brest\b|\bstill -?[0-9]"
+)
 RANGE: Final = re.compile(r"(-?[0-9]+(?:\.[0-9]+)?)\.\.(-?[0-9]+(?:\.[0-9]+)?)")
 SEQUENCE: Final = "operations begin here"
 BEGINS: Final = ("check ", "detecting ", SEQUENCE)  # marks: nothing before matters
@@ -43,7 +45,9 @@ POWER_ON: Final = "the power was switched on"
 POWER_CYCLE: Final = "a power cycle"
 
 
-SETS: Final = re.compile(r" ?[(=]")  # what stands behind the name of a setting
+STARTS_IN_NS: Final = 1_000_000_000  # until a move to where a check began is over, at least
+SLOWEST_INCREMENT_NS: Final = 10_000_000
+LONGEST_MOVE_NS: Final = 2_500_000_000  # until one that was made earlier is over
 ONE_EXCHANGE: Final = 4  # records, at most: a note, a request, its reply and a receipt
 MOST_BY_HAND: Final = 12  # requests; more, nobody pastes
 WORKED: Final = "not with 'axistwin send' alone: the device has to be worked as well, in this order"
@@ -64,6 +68,15 @@ class Effect(Enum):
 MOVING: Final = (Effect.MOTION, Effect.START, Effect.STOP)
 
 
+# Parts of the state of a device that no check leaves to the next one.
+RUNNING: Final = "motion"
+PLACE: Final = "position"
+POWERED: Final = "motor"
+FLEETING: Final = frozenset({RUNNING, PLACE, POWERED})
+AS_AT_START: Final = ""  # the value of what is as after switching on
+UNTOUCHED: Final[Mapping[str, str | None]] = {}
+
+
 class Exchange(NamedTuple):
     """One request, and the reply to it if it was answered.
 
@@ -71,6 +84,10 @@ class Exchange(NamedTuple):
     `quantity`: what a bare number in its answer is.  `answer`: what the answer says, by its fields
     if it has any.  `is_altered`: not as a host sends it that means well (a reply refused).
     `is_refused`: the device says that it has not done it.
+
+    Of the state of the device, by name: `sets`, what it changes, and to which value (None: from
+    what it was before); `needs`, what the reply depends on; both None: that is not known.  `shows`,
+    which values the reply tells.
     """
 
     request: str
@@ -79,6 +96,9 @@ class Exchange(NamedTuple):
     answer: str = ""
     is_altered: bool = False
     is_refused: bool = False
+    sets: Mapping[str, str | None] | None = None
+    needs: frozenset[str] | None = None
+    shows: Mapping[str, str | None] = UNTOUCHED
 
     @property
     def is_query(self) -> bool:
@@ -117,15 +137,15 @@ class Telling(NamedTuple):
     """A failure in words: the sentence, and which of the records (by number) decided.
 
     `by_hand`: those that were sent, and have to be sent again to see it again, and what was done to
-    the rig between them.  `no_hand`: why sending is not enough.  `found`: what the device told of
-    its state before the first of them.
+    the rig between them.  `no_hand`: why sending is not enough.  `before`: what brings a device to
+    the state in which it was before the first of them.
     """
 
     sentence: str
     decisive: tuple[int, ...]
     by_hand: tuple[int, ...] = ()
     no_hand: str = ""
-    found: tuple[str, ...] = ()
+    before: tuple[Record, ...] = ()
 
     def finding(
         self,
@@ -151,7 +171,7 @@ class Telling(NamedTuple):
             (*before, *(records[number] for number in kept)), self.sentence,
             (*range(len(before)), *(place[number] for number in self.decisive)),
             (*self._first_by_hand(before), *(place[number] for number in self.by_hand)),
-            self.no_hand, self.found, seen.rule,
+            self.no_hand, self.before, seen.rule,
         )  # fmt: skip
 
     def _first_by_hand(self, before: Sequence[Record]) -> Iterable[int]:
@@ -186,9 +206,10 @@ def telling(
     actual: object,
     remark: str = "",
     glossary: Mapping[str, str] = NOTHING,
+    history: Callable[[], Sequence[Record]] = tuple,
 ) -> Telling:
     """Say of a failure what the device did and what is expected; `glossary`: what the
-    abbreviations of the manual stand for."""
+    abbreviations of the manual stand for; `history`: all that was said in this run."""
     acts = _acts(records, describe)
     seen = actual if isinstance(actual, Observation) else None
     judged = acts[-1] if acts else None
@@ -216,10 +237,10 @@ def telling(
     rest = f" ({_plain(remark)})" if 0 < len(remark) <= LONGEST_REMARK else ""
     text = f"{clause}; expected {wanted}{rest}." if wanted else f"{clause}{rest}."
     decisive = _decisive(causes, judged, records)
-    by_hand, no_hand = _by_hand(acts, judged, causes)
+    by_hand, no_hand, needs = _by_hand(acts, judged, causes)
     no_hand = no_hand or (seen.by_hand if seen else "")
-    found = _found(acts, by_hand) if by_hand[1:] else ()
-    return Telling(text[0].upper() + text[1:], decisive, by_hand, no_hand, found)
+    led = state_before(acts, needs, describe, history) if by_hand else ()
+    return Telling(text[0].upper() + text[1:], decisive, by_hand, no_hand, led)
 
 
 def shown_exchange(
@@ -270,7 +291,7 @@ def _generic(
     exchange = judged.exchange
     if "increments" in wanted and BARE_NUMBER.fullmatch(value):
         value = counted(value, "increment")
-    elif exchange.quantity and PLACE.search(wanted):
+    elif exchange.quantity and POSITION_LIKE.search(wanted):
         value, wanted = (_in_increments(text) for text in (value, wanted))
     if exchange.answer and exchange.answer not in value and _is_answered_last(records):
         value += f" ({exchange.answer})"
@@ -317,8 +338,8 @@ def _causes(before: Sequence[_Act], judged: _Act, *, is_sequence: bool = False) 
         return [act for act in before if act in worked or act in changes]
     moved = [act for act in changes if act.exchange.effect in (Effect.MOTION, Effect.START)]
     moved = moved[-1:] if judged.exchange.quantity else []
-    chosen = dict.fromkeys([*worked, *changes[-1:], *moved, *_waiting(changes)])
-    return sorted(chosen, key=lambda act: act.first)
+    chosen = {act.first: act for act in (*worked, *changes[-1:], *moved, *_waiting(changes))}
+    return [act for _, act in sorted(chosen.items())]
 
 
 def _waiting(changes: Sequence[_Act]) -> Sequence[_Act]:
@@ -345,52 +366,134 @@ def _decisive(
 
 
 def _by_hand(
-    acts: Sequence[_Act], judged: _Act | None, causes: Iterable[_Act]
-) -> tuple[tuple[int, ...], str]:
-    """What to send and to do again, all that has changed something since the state was known; and
-    why sending does not do."""
+    acts: Sequence[_Act], judged: _Act | None, causes: Collection[_Act]
+) -> tuple[tuple[int, ...], str, frozenset[str]]:
+    """What to send and to do again, all that has changed something since the state was known that
+    matters; why sending does not do; and what matters of the state before."""
     if judged is None:
-        return (), ""
+        return (), "", frozenset()
     before = acts[: acts.index(judged)]
     if any(act.exchange.is_altered for act in (*before, judged)):
-        return (), "not with 'axistwin send', which acknowledges every reply"
-    steps = {act.first for act in (*_changing(before), *causes)} - {judged.first}
+        return (), "not with 'axistwin send', which acknowledges every reply", frozenset()
+    kept, needs = _changing(before, judged, causes)
+    steps = {act.first for act in (*kept, *causes)} - {judged.first}
     if len(steps) >= MOST_BY_HAND:
-        return (), f"too long to type ({len(steps)} steps before the last one): use the line above"
+        reason = f"too long to type ({len(steps)} steps before the last one): use the line above"
+        return (), reason, frozenset()
     is_worked = any(act.is_rig for act in (*before, judged))
-    return (*sorted(steps), judged.first), WORKED if is_worked else ""
+    return (*sorted(steps), judged.first), WORKED if is_worked else "", needs
 
 
-def _changing(acts: Iterable[_Act]) -> Iterable[_Act]:
-    """What was done, and the requests that changed something: of settings the last of each, and of
-    stops, unless something has moved between them."""
-    latest: dict[str, _Act] = {}
-    moves = 0
-    for act in acts:
+def _changing(
+    before: Sequence[_Act], judged: _Act, causes: Collection[_Act]
+) -> tuple[list[_Act], frozenset[str]]:
+    """What was done to the rig, and the requests that changed what the last one depends on, or what
+    such a request depends on; and what they depend on of the state before.
+
+    What was set anew depends on nothing before that.  What is as after switching on is not brought
+    about: neither a stop where nothing moves nor a motor that is powered.
+    """
+    moved = [act for act in before if act.exchange.effect in (Effect.HOLD, *MOVING[:2])]
+    is_all = judged.is_rig or judged.exchange.needs is None
+    needs, settled, kept = set(judged.exchange.needs or ()), set[str](), list[_Act]()
+    if not needs & FLEETING:  # of several settings that a reply tells, those it is about
+        about = {name for act in causes for name in act.exchange.sets or ()}
+        needs = needs & about or needs
+    for act in reversed(before):
         exchange = act.exchange
-        if exchange.is_query or exchange.is_refused:
+        sets = exchange.sets
+        is_idle = exchange.effect is Effect.STOP and not (moved and moved[0].first < act.first)
+        is_cause = act in causes and not act.is_rig
+        if not act.is_rig and not is_cause:
+            if exchange.is_query or exchange.is_refused or is_idle:
+                continue
+            if sets is not None and not (set(sets) - settled if is_all else needs & set(sets)):
+                continue
+        fixed = {name for name, value in (sets or {}).items() if value is not None}
+        if not exchange.is_refused:
+            settled |= fixed
+            needs -= fixed
+        if sets and all(value == AS_AT_START for value in sets.values()) and not is_cause:
             continue
-        moves += act.is_rig or exchange.effect in (Effect.HOLD, *MOVING[:2])
-        key = {Effect.VALUE: SETS.split(act.words)[0], Effect.STOP: f"{act.words} {moves}"}.get(
-            exchange.effect, str(act.first)
-        )
-        latest.pop(key, None)
-        latest[key] = act
-    return latest.values()
+        kept.append(act)
+        is_all |= not act.is_rig and exchange.needs is None
+        needs |= exchange.needs or set()
+    return kept, frozenset(needs)
 
 
-def _found(acts: Sequence[_Act], by_hand: Sequence[int]) -> tuple[str, ...]:
-    """What was asked before anything changed it: where the axis stood, which values were set."""
-    told: dict[str, str] = {}
-    is_set = False
+def state_before(
+    acts: Sequence[_Act],
+    needs: frozenset[str],
+    describe: Describe,
+    history: Callable[[], Sequence[Record]],
+) -> tuple[Record, ...]:
+    """What to send first: of what was set earlier in the run all that matters and is not as the run
+    has found it, and then, for an axis, the way to where it was when the check began."""
+    began_ns = acts[0].time_ns
+    shown: dict[str, str | None] = {}
     for act in acts:
-        exchange = act.exchange
-        if act.first == by_hand[-1] or exchange.effect in (Effect.MOTION, Effect.START):
+        is_known = act.exchange.is_query or act.exchange.sets is not None
+        if not is_known or PLACE in (act.exchange.sets or ()):
             break
-        is_set |= exchange.effect is Effect.VALUE
-        if exchange.is_query and exchange.answer and not (is_set and not exchange.quantity):
-            told.setdefault(act.words, f"{act.words} showed {exchange.answer}")
-    return tuple(told.values())
+        shown = {**act.exchange.shows, **shown}
+    latest = _set_earlier(history(), describe, began_ns) if needs - FLEETING else {}
+    chosen = {
+        past.record.time_ns: past
+        for name, past in latest.items()
+        if name in needs and past.value != past.found and shown.get(name, past.value) == past.value
+    }
+    steps: list[Record] = []
+    has_moved = False
+    for _, past in sorted(chosen.items()):
+        steps.append(past.record)
+        if past.lasts_ns:
+            has_moved = True
+            steps.append(_typed(f"wait {past.lasts_ns / 1e6:.0f} ms"))
+    place = shown.get(PLACE)
+    if PLACE in needs and place is not None and (has_moved or int(place)):
+        lasts_ns = STARTS_IN_NS + abs(int(place)) * SLOWEST_INCREMENT_NS
+        steps += [_typed(f"go to {place}"), _typed(f"wait {lasts_ns / 1e6:.0f} ms")]
+    return tuple(steps)
+
+
+class _Past(NamedTuple):
+    """The last request that has set a part of the state; `found`: its value when the run began, if
+    that was told; `lasts_ns`: how long to wait behind it."""
+
+    record: Record
+    value: str | None
+    found: str | None
+    lasts_ns: int
+
+
+def _set_earlier(records: Sequence[Record], describe: Describe, until_ns: int) -> dict[str, _Past]:
+    """By name, what was set before that time."""
+    asked = [n for n, one in enumerate(records) if one.direction is Direction.HOST]
+    known: dict[tuple[bytes, bytes], Exchange] = {}
+    found: dict[str, str | None] = {}
+    latest: dict[str, _Past] = {}
+    for number, end in pairwise([*asked, len(records)]):
+        record = records[number]
+        if record.time_ns >= until_ns:
+            break
+        reply = b"".join(_replies(records[number:end]))
+        exchange = known.get((record.data, reply)) or describe(record.data, reply)
+        known[record.data, reply] = exchange
+        if not reply or exchange.is_refused:
+            continue
+        for name, value in exchange.shows.items():
+            if name not in latest:
+                found.setdefault(name, value)
+        lasts_ns = LONGEST_MOVE_NS if exchange.effect is Effect.MOTION else 0
+        for name, value in (exchange.sets or {}).items():
+            if value is not None:
+                latest[name] = _Past(record, value, found.get(name), lasts_ns)
+    return latest
+
+
+def _typed(text: str) -> Record:
+    """A step in the words of 'axistwin send'."""
+    return Record(0, Direction.NOTE, text=text)
 
 
 def _latest(acts: Sequence[_Act], words: str) -> _Act | None:

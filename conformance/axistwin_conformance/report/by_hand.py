@@ -2,47 +2,94 @@
 
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
-from typing import Any, Final
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from enum import Enum, auto
+from itertools import groupby, pairwise
+from typing import Any, Final, NamedTuple
 
-from axistwin_conformance.base.events import RunStarted
 from axistwin_conformance.base.transcript import Direction
+from axistwin_conformance.core.wording import RIG
+from axistwin_conformance.report.failures import Statement
 
 WORTH_A_WAIT_NS: Final = 2_000_000  # less passes between two requests anyway
 LONG_NS: Final = 900_000_000  # what comes later than that, 'axistwin send' does not wait for
 LONGEST_NS: Final = 2_500_000_000  # between an earlier exchange and this one nothing counts
 
-STARTS_IN_NS: Final = 1_000_000_000  # until a move to where a check began is over, at least
-SLOWEST_INCREMENT_NS: Final = 10_000_000
-
-_FOUND_AT: Final = re.compile(r"\(position\) showed (-?[1-9][0-9]*) increments?$")
-_BUILT_IN = re.compile(r"built-in twin \((.*)\)")
+_BUILT_IN: Final = re.compile(r"built-in twin \((.*)\)")
 
 
-def built_in(run: RunStarted) -> str:
+class Part(Enum):
+    """What a line of the instructions is."""
+
+    WORDS = auto()
+    ACT = auto()  # to be done to the device
+    COMMAND = auto()  # to be typed
+    REMARK = auto()
+    PORT = auto()  # a remark that is worth saying once
+
+
+class Instruction(NamedTuple):
+    """One line of what to do by hand."""
+
+    part: Part
+    text: str
+
+
+def instructions(run: Mapping[str, Any], one: Statement) -> Iterator[Instruction]:
+    """How to see it again without the suite: the same on terminal, page and build server; `run`:
+    as the report has it."""
+    steps = again(one.transcript, one.by_hand)
+    if not steps:
+        if one.no_hand:
+            yield Instruction(Part.WORDS, one.no_hand)
+        return
+    steps = [*(each["data"] or each["text"] for each in one.before), *steps]
+    longest_s = timeout_s(one.transcript, one.by_hand)
+    is_worked = any(step.startswith(RIG) for step in steps)
+    if is_worked:
+        twin = f" (first start a twin: {shlex.join(['axistwin', 'run', run['model']])})"
+        yield Instruction(Part.WORDS, f"{one.no_hand}{twin if built_in(run) else ''}:")
+        if built_in(run):  # the URL would open another twin for each of these lines
+            run = {**run, "target": f"./{run['model']}"}
+    for is_act, some in groupby(steps, lambda step: step.startswith(RIG)):
+        if is_act:
+            acts = "; ".join(step.removeprefix(RIG) for step in some)
+            yield Instruction(Part.ACT, acts)
+        else:
+            command = send_command(run, *some, timeout_s=longest_s)
+            yield Instruction(Part.COMMAND, command)
+    if one.no_hand and not is_worked:
+        yield Instruction(Part.REMARK, one.no_hand)
+    if one.by_hand[1:]:
+        last = one.transcript[one.by_hand[-1]]
+        words = last["decoded"] or last["text"].removeprefix(RIG)
+        yield Instruction(Part.REMARK, f"the last step is the one that failed: {words}")
+    if twin := built_in(run):
+        yield Instruction(Part.PORT, f"for a device, put its port in the place of {twin}")
+
+
+def in_lines(run: Mapping[str, Any], one: Statement) -> Iterator[str]:
+    """The same as plain text."""
+    for number, (part, text) in enumerate(instructions(run, one)):
+        label = "" if number else "by hand: "
+        shown = {Part.ACT: f"done: {text}", Part.REMARK: f"({text})", Part.PORT: f"({text})"}
+        yield f"{label}{shown.get(part, text)}"
+
+
+def built_in(run: Mapping[str, Any]) -> str:
     """The URL of the twin that was judged; empty: a device at a port."""
-    found = _BUILT_IN.fullmatch(run.target)
+    found = _BUILT_IN.fullmatch(run["target"])
     return found[1] if found else ""
 
 
-def send_command(run: RunStarted, *requests: str, timeout_s: int = 0) -> str:
+def send_command(run: Mapping[str, Any], *requests: str, timeout_s: int = 0) -> str:
     """The command that sends these requests, as a transcript writes their bytes, to the device;
     `timeout_s`: the longest wait for a reply, 0 for that of 'axistwin send'."""
-    words = ["axistwin", "send", built_in(run) or run.target, "--model", run.model]
-    rate = run.baud or run.bitrate
+    words = ["axistwin", "send", built_in(run) or run["target"], "--model", run["model"]]
+    rate = run["baud"] or run["bitrate"]
     words += ["--baud", str(rate)] if rate else []
     words += ["--timeout", str(timeout_s)] if timeout_s else []
     return shlex.join([*words, *requests])
-
-
-def move_to_start(found: Iterable[str]) -> list[str]:
-    """What brings an axis to where the check found it; nothing for one that stood at 0."""
-    place = next(filter(None, map(_FOUND_AT.search, found)), None)
-    if place is None:
-        return []
-    lasting_ns = STARTS_IN_NS + abs(int(place[1])) * SLOWEST_INCREMENT_NS
-    return [f"go to {place[1]}", f"wait {lasting_ns / 1e6:.0f} ms"]
 
 
 def timeout_s(records: Sequence[Mapping[str, Any]], numbers: Iterable[int]) -> int:
@@ -68,11 +115,11 @@ def again(records: Sequence[Mapping[str, Any]], numbers: Sequence[int]) -> list[
             wait_ns = min(wait_ns, LONGEST_NS)
         is_request, was_request = bool(record["data"]), is_request
         if wait_ns > WORTH_A_WAIT_NS and is_request and was_request:
-            steps.append(f"wait {wait_ns / 1e6:.0f} ms")
+            steps.append(f"wait {round(wait_ns / 1e6, 1):.15g} ms")
         steps.append(record["data"] or record["text"])
         free_ns = _answered_ns(records, number)
     if numbers and (rest_ns := free_ns - records[numbers[-1]]["time_ns"]) > LONG_NS:
-        steps.append(f"wait {rest_ns / 1e6:.0f} ms")  # a message that was not asked for
+        steps.append(f"wait {round(rest_ns / 1e6, 1):.15g} ms")  # a message that was not asked for
     return steps
 
 

@@ -19,6 +19,7 @@ GROUNDS: Final = {
     "interpretation": "the suite's interpretation of it",
 }
 TAKEN_OVER: Final = "taken to hold for it as well"
+REQUIRED, OPEN = "required", "manual"  # what stands before what is asked of the device
 OWN_RULE: Final = "a rule of the suite; the manual does not cover it"
 TIMES: Final = (
     "time in ms: host lines when sending began, device lines at the last byte; 'N ms after' a"
@@ -46,7 +47,7 @@ class Statement:
     decisive: Sequence[int] = ()
     by_hand: Sequence[int] = ()
     no_hand: str = ""
-    found: Sequence[str] = ()
+    before: Sequence[Mapping[str, Any]] = ()
     rule: str = ""
     requirements: list[str] = field(default_factory=list)
 
@@ -82,6 +83,11 @@ class Required(NamedTuple):
     id: str
     text: str
     where: str
+
+    @property
+    def label(self) -> str:
+        """What stands before it: "manual" before what the manual leaves open."""
+        return OPEN if self.text.startswith(LEFT_OPEN) else REQUIRED
 
     def __str__(self) -> str:
         return f"{self.id}: {self.text}{f' ({self.where})' if self.where else ''}"
@@ -136,7 +142,7 @@ def statements(check: Mapping[str, Any]) -> list[Statement]:
         remark = "" if said in sentence or said == "beside the checks" else said
         new = Statement(
             verdict, sentence, remark, finding["transcript"], finding.get("decisive", ()),
-            finding.get("by_hand", ()), finding.get("no_hand", ""), finding.get("found", ()),
+            finding.get("by_hand", ()), finding.get("no_hand", ""), finding.get("before", ()),
             finding.get("rule", ""),
         )  # fmt: skip
         found.setdefault((verdict, sentence), new).requirements.append(finding["requirement"])

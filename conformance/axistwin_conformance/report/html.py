@@ -21,6 +21,7 @@ import jinja2
 from axistwin_conformance.base.errors import counted
 from axistwin_conformance.base.recording import FOLDER
 from axistwin_conformance.engine.judgement import CONFORMS, ELSEWHERE
+from axistwin_conformance.report.by_hand import Instruction, instructions
 from axistwin_conformance.report.failures import (
     ALSO,
     LAST_PROBLEMS,
@@ -75,12 +76,13 @@ class TranscriptRow:
 class Exhibit:
     """One thing that a check saw: in words, what is asked, and the exchange.
 
-    `rows`: those that decided; `others`: the rest; `cut`: how many of these are in
-    the report's other files only.
+    `by_hand`: how to see it again without the suite.  `rows`: those that decided; `others`: the
+    rest; `cut`: how many of these are in the report's other files only.
     """
 
     statement: Statement
     required: Sequence[Required]
+    by_hand: Sequence[Instruction] = ()
     rows: Sequence[TranscriptRow] = ()
     others: Sequence[TranscriptRow] = ()
     cut: int = 0
@@ -218,7 +220,8 @@ def _check_articles(report: Report) -> list[CheckArticle]:
         names[check["name"]] += 1
         number = names[check["name"]]
         anchor = f"{verdict}-{check['name']}{f'-{number}' if number > 1 else ''}"
-        seen = [_seen(each, known, is_cut=count >= WHOLE_EXCHANGES) for each in one.found]
+        is_cut = count >= WHOLE_EXCHANGES
+        seen = [_seen(each, known, report["run"], is_cut=is_cut) for each in one.found]
         count += 1
         motion = check["motions"][-1] if check["motions"] else None
         if motion is not None and (verdict != "fail" or is_inside(motion)):
@@ -230,13 +233,21 @@ def _check_articles(report: Report) -> list[CheckArticle]:
     return [article(one) for one in failed(report["checks"])]
 
 
-def _seen(statement: Statement, known: Mapping[str, Mapping[str, Any]], *, is_cut: bool) -> Exhibit:
+def _seen(
+    statement: Statement,
+    known: Mapping[str, Mapping[str, Any]],
+    run: Mapping[str, Any],
+    *,
+    is_cut: bool,
+) -> Exhibit:
     rows = _rows(statement.transcript, statement.shown)
     decided = set(statement.shown)
     others = [row for number, row in enumerate(rows) if number not in decided]
     left = len(others) if is_cut else 0
     shown = [rows[number] for number in statement.shown]
-    return Exhibit(statement, statement.required(known), shown, () if left else others, left)
+    by_hand = tuple(instructions(run, statement)) if statement.verdict == "fail" else ()
+    required = statement.required(known)
+    return Exhibit(statement, required, by_hand, shown, () if left else others, left)
 
 
 def _articles(report: Report, checks: Sequence[CheckArticle]) -> list[Article]:

@@ -22,6 +22,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from axistwin_conformance.base.errors import counted
+from axistwin_conformance.report.by_hand import in_lines
 from axistwin_conformance.report.failures import statements
 from axistwin_conformance.report.json import Report
 
@@ -143,9 +144,10 @@ def _put_evidence(element: ElementTree.Element, judged: Mapping[str, Any], repor
     lines: list[str] = []
     for number, (check, one) in enumerate(found):
         lines += ["", one.sentence] if number else []
-        lines += [f"required: {each}" for each in one.required(known)]
+        lines += [f"{each.label}: {each}" for each in one.required(known)]
         lines += [f"remark: {one.remark}"] if one.remark else []
         lines += [f"check: {check['name']}", f"replay: {check['replay']}"]
+        lines += in_lines(report["run"], one)
         lines += transcript_lines(one.transcript)
     element.text = "\n".join(lines)
 

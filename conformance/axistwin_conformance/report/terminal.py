@@ -11,9 +11,8 @@ from __future__ import annotations
 import shlex
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from itertools import groupby
 from typing import Any
 
 from rich.console import Console
@@ -38,18 +37,11 @@ from axistwin_conformance.base.events import Outcome
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.transcript import Record
 from axistwin_conformance.base.verdicts import Verdict
-from axistwin_conformance.core.wording import RIG
 from axistwin_conformance.engine.eta import Eta
 from axistwin_conformance.engine.impact import Impact, allowed_in_vain, impacts
 from axistwin_conformance.engine.judgement import UNREACHABLE
 from axistwin_conformance.engine.plan import Options, Plan
-from axistwin_conformance.report.by_hand import (
-    again,
-    built_in,
-    move_to_start,
-    send_command,
-    timeout_s,
-)
+from axistwin_conformance.report.by_hand import Part, instructions
 from axistwin_conformance.report.failures import (
     ALSO,
     LAST_PROBLEMS,
@@ -126,6 +118,7 @@ class TerminalReport:
         self._questions = self._asked = 0  # to the device about its readings: in all, so far
         self._pace = pace or Eta({})
         self._is_port_explained = False  # behind the first command that sends something again
+        self._are_times_explained = False  # above the first transcript
         self._folder = folder  # of the report, empty if there is none
         self._told_left_at = time.monotonic()
         self._ledger = ledger
@@ -430,8 +423,11 @@ class TerminalReport:
                 self._print(seen.sentence, label="   ")
             if seen.remark:
                 self._print(seen.remark, "dim", label="   remark      ")
-            for number, required in enumerate(seen.required(self._requirements)):
-                self._print(str(required), label=" " * 15 if number else "   required    ")
+            label = ""
+            for required in seen.required(self._requirements):
+                label = "" if label == required.label else required.label
+                self._print(str(required), label=f"   {label:12}")
+                label = required.label
         # One sequence usually breaks several requirements: it is printed once, with the last.
         if shown and shown[-1].transcript:
             self._transcript(shown[-1])
@@ -443,41 +439,19 @@ class TerminalReport:
 
     def _by_hand(self, one: Statement) -> None:
         """How to see it again without the suite."""
-        label, below = "   by hand     ", " " * 15
-        steps = again(one.transcript, one.by_hand)
-        if self._run is None or not steps:
-            self._print(one.no_hand, label=label)
-            return
-        steps = [*move_to_start(one.found), *steps]
-        longest_s = timeout_s(one.transcript, one.by_hand)
-        is_worked = any(step.startswith(RIG) for step in steps)
-        if is_worked:
-            self._print(f"{one.no_hand}:", label=label)
-        for is_act, some in groupby(steps, lambda step: step.startswith(RIG)):
-            if is_act:
-                self._print(
-                    "; ".join(step.removeprefix(RIG) for step in some), label=f"{below}act: "
-                )
-                continue
-            command = send_command(self._run, *some, timeout_s=longest_s)
-            self._print_command(below if is_worked else label, command)
-        for remark in self._by_hand_remarks(one, is_worked=is_worked):
-            self._print(f"({remark})", "dim", label=below)
-
-    def _by_hand_remarks(self, one: Statement, *, is_worked: bool) -> Iterator[str]:
-        """What to know of a command that sends the requests again."""
         assert self._run is not None
-        if one.no_hand and not is_worked:
-            yield one.no_hand
-        if one.by_hand[1:]:
-            last = one.transcript[one.by_hand[-1]]
-            words = last["decoded"] or last["text"].removeprefix(RIG)
-            yield f"the last step is the one that failed: {words}"
-        if one.found:
-            yield f"before, {'; '.join(one.found)}"
-        if (twin := built_in(self._run)) and not self._is_port_explained:
-            self._is_port_explained = True
-            yield f"for a device, put its port in the place of {twin}"
+        label, below = "   by hand     ", " " * 15
+        for part, text in instructions(plain(self._run), one):
+            if part is Part.COMMAND:
+                self._print_command(label, text)
+            elif part is Part.WORDS:
+                self._print(text, label=label)
+            elif part is Part.ACT:
+                self._print(text, label=f"{below}done: ")
+            elif part is Part.REMARK or not self._is_port_explained:
+                self._is_port_explained |= part is Part.PORT
+                self._print(f"({text})", "dim", label=below)
+            label = below
 
     def _also(self, others: Sequence[Failed]) -> None:
         """The checks that add nothing to the failure above."""
@@ -489,8 +463,11 @@ class TerminalReport:
         records = one.transcript
         numbers = range(len(records)) if self._is_verbose else one.shown
         rest = len(records) - len(numbers)
-        left_out = f"; {counted(rest, 'other line')}: --verbose, --report"
-        self._print(f"({TIMES}{left_out if rest else ''})", "dim", label="   transcript  ")
+        left_out = [f"{counted(rest, 'other line')}: --verbose, --report"] if rest else []
+        times = [] if self._are_times_explained else [TIMES]
+        self._are_times_explained = True
+        words = "; ".join([*times, *left_out])
+        self._print(f"({words})" if words else "", "dim", label="   transcript  ")
         origin_ns = records[0]["time_ns"]
         for record in (records[number] for number in numbers):
             time_ms = (record["time_ns"] - origin_ns) / 1e6

@@ -43,6 +43,10 @@ _OWN = {
         "axistwin.cli.ctl",
         "Work inputs, supply, power and faults of a running daemon.",
     ),
+    "watch": (
+        "axistwin.cli.watch.command",
+        "Show in a terminal what the devices of a running daemon do.",
+    ),
     "send": (
         "axistwin.cli.send",
         "Send commands in words or bytes, and show the replies in words.",
@@ -191,6 +195,7 @@ def main() -> None:
     axistwin run mac23-can             a MAC23 on vcan0, or an slcan adapter
     axistwin rack bench.toml           many lines and buses, one process
     axistwin ctl mac23 power cycle     work a run that has --control
+    axistwin watch mac23               follow it in a terminal
     axistwin send ./mac23 'go to 125'  one command in words, and the reply
     axistwin decode mac23 capture.txt  recorded bytes in words
     axistwin plot mn400 M500,300       the motion of a command as a picture

@@ -17,6 +17,7 @@ from axistwin.control import metrics
 from axistwin.control.guard import SUBPROTOCOL, RefusedError, problem
 from axistwin.control.models import (
     AxesInfo,
+    BitInfo,
     ControlDone,
     ControlInfo,
     ControlList,
@@ -24,6 +25,7 @@ from axistwin.control.models import (
     ControlReading,
     DeviceInfo,
     DeviceList,
+    Direction,
     EndpointInfo,
     LineInfo,
     LineList,
@@ -32,10 +34,12 @@ from axistwin.control.models import (
     PowerOrder,
     Problem,
     StateInfo,
+    TrafficList,
 )
+from axistwin.control.traffic import TrafficWords, select
 from axistwin.control.watching import WATCHERS_MAX, Watching
 from axistwin.devices.controls import AxisReadout
-from axistwin.errors import UnknownNameError, UsageError
+from axistwin.errors import UnknownNameError, UsageError, nearest
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.control_access import BoundControl
 from axistwin.runtime.serving.live import Live
@@ -47,6 +51,7 @@ ANSWER_S: Final = 10.0
 ResultT = TypeVar("ResultT")
 
 DeviceName = Annotated[str, Path(description="its name, MODEL:ADDRESS, or its model alone")]
+LineName = Annotated[str, Path(description="its name: that of its first device, if it has none")]
 ControlName = Annotated[str, Path(description="such as inputs.reference, or flags.200")]
 
 
@@ -80,6 +85,7 @@ class Api:
         device, control = "/devices/{device}", "/devices/{device}/controls/{control}"
         get, put, post = router.get, router.put, router.post
         get("/lines", summary="All lines and buses")(self.lines)
+        get("/lines/{line}/traffic", summary="What went over a line lately")(self.traffic)
         get("/devices", summary="All devices")(self.devices)
         get(device, summary="One device")(self.device)
         get(f"{device}/state", summary="All that can be seen of it, at one instant")(self.state)
@@ -103,6 +109,32 @@ class Api:
             endpoints=[EndpointInfo(kind=port.kind, url=port.url) for port in server.ports],
             failure=None if server.failure is None else str(server.failure),
         )
+
+    async def traffic(
+        self,
+        line: LineName,
+        last: Annotated[int, Query(ge=1, le=1000, description="how many at most")] = 200,
+        text: Annotated[str, Query(description="only with this in its words")] = "",
+        hexes: Annotated[str, Query(alias="hex", description="only with these bytes")] = "",
+        direction: Annotated[Direction | None, Query(description="only from there")] = None,
+    ) -> TrafficList:
+        """Of those that the line keeps: the last 200 bursts, or 1000 frames."""
+        server = self._find_line(line)
+        chosen = select(
+            TrafficWords(server),
+            server.simulation.messages,
+            last=last,
+            text=text,
+            hexes=hexes,
+            direction=direction,
+        )
+        return TrafficList(line=line, messages=chosen)
+
+    def _find_line(self, name: str) -> AnyServer:
+        server = self._rack.lines.get(name)
+        if server is None:
+            raise UnknownNameError(f"no line {name!r}: {nearest(name, self._rack.lines)}")
+        return server
 
     async def devices(self) -> DeviceList:
         """Those of lines that are served."""
@@ -162,8 +194,8 @@ class Api:
                 raise
             except UsageError as error:
                 raise NotAllowedError(str(error), bound) from None
-            self._live.touch(found)
             value = bound.value if bound.is_readable else None
+            self._live.control_set(found, time_ns, bound.name, value)
             return ControlDone(device=found.name, control=bound.name, time_ns=time_ns, value=value)
 
         return await self._do(device, work)
@@ -188,22 +220,30 @@ class Api:
     def _cut(self, found: RackDevice, off_s: float) -> tuple[str, int, float]:
         """Name, when the supply was cut, and seconds until ``off_s`` of its line have passed."""
         time_ns = found.twin.controls["power"].set(False)
-        self._live.touch(found)
+        self._live.control_set(found, time_ns, "power", value=False)
         clock = found.server.simulation.clock
         return found.name, time_ns, clock.delay_s(time_ns + round(off_s * NS_PER_S))
 
     def _apply(self, found: RackDevice) -> tuple[str, int]:
-        self._live.touch(found)
-        return found.name, found.twin.controls["power"].set(True)
+        time_ns = found.twin.controls["power"].set(True)
+        self._live.control_set(found, time_ns, "power", value=True)
+        return found.name, time_ns
 
     # -- looking on --
 
     async def events(
-        self, client: WebSocket, device: Annotated[list[str] | None, Query()] = None
+        self,
+        client: WebSocket,
+        device: Annotated[list[str] | None, Query()] = None,
+        traffic: Annotated[list[str] | None, Query()] = None,
     ) -> None:
-        """What happens to the devices (``?device=NAME``, repeatable; all without)."""
+        """What happens to the devices, and what goes over lines.
+
+        ``?device=NAME`` and ``?traffic=LINE``, both repeatable; all devices without either.
+        """
         try:
             names = [await self._do(each, lambda found: found.name) for each in device or ()]
+            words = {each: TrafficWords(self._find_line(each)) for each in traffic or ()}
         except UsageError as error:
             await client.send_denial_response(JSONResponse(problem(404, str(error)), 404))
             return
@@ -215,8 +255,8 @@ class Api:
         try:
             offered = client.scope["subprotocols"]
             await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
-            devices = names or list(self._rack.devices)
-            await Watching(self._rack, self._live, self._counts, client, devices).run()
+            devices = names if names or words else list(self._rack.devices)
+            await Watching(self._rack, self._live, self._counts, client, devices, words).run()
         finally:
             self._counts.watchers -= 1
 
@@ -287,6 +327,8 @@ def _control_info(bound: BoundControl, value: Any) -> ControlInfo:
         high=bound.high,
         choices=list(bound.choices),
         numbers=_numbers(bound),
+        bits=[BitInfo(bit=n, name=name, requirement=law) for n, name, law in bound.bits],
+        queue=bound.is_queue,
         readable=bound.is_readable,
         writable=bound.is_writable,
         value=value,

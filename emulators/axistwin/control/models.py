@@ -12,6 +12,9 @@ Value: TypeAlias = bool | int | float | str | None
 """What a control is set to."""
 
 Nanoseconds = Annotated[int, Field(description="time of the device's line, in nanoseconds")]
+Direction: TypeAlias = Literal["host", "device"]
+"""Who sent a message."""
+
 DeviceName = Annotated[str, Field(description="name of the device, such as mac23:0")]
 
 
@@ -77,6 +80,14 @@ class Numbers(Described):
     last: int
 
 
+class BitInfo(Described):
+    """One bit of a number."""
+
+    bit: int = Field(description="0 for the lowest")
+    name: str = Field(description="what it is called")
+    requirement: str = Field(description="the requirement that tells of it, such as MACS-Q-21-01")
+
+
 class ControlInfo(Described):
     """One thing that can be worked or seen of a device."""
 
@@ -88,6 +99,8 @@ class ControlInfo(Described):
     high: float | None = Field(description="largest number")
     choices: list[str] = Field(description="allowed values of a choice")
     numbers: Numbers | None = Field(description="keys, of a control that stands for many values")
+    bits: list[BitInfo] = Field(description="what the bits of a number mean; empty: they have none")
+    queue: bool = Field(description="whether it tells how many commands wait")
     readable: bool = Field(description="whether it has a value")
     writable: bool = Field(description="whether it can be set")
     value: Any = Field(description="as it is now; null if it cannot be read, or has numbers")
@@ -149,6 +162,23 @@ class StateInfo(Described):
     device: DeviceName
     time_ns: Nanoseconds
     values: dict[str, Any] = Field(description="values by the names of controls")
+
+
+class TrafficMessage(Described):
+    """What went over a line or bus in one piece: bytes without a pause, or a frame."""
+
+    time_ns: Nanoseconds
+    direction: Direction = Field(description="who sent it: a host, or a device")
+    hex: str = Field(description="its bytes, or the frame as candump writes it: 601#4000")
+    text: str = Field(description="what it says; empty if nobody knows")
+    unit: int | None = Field(description="address of the first device named in it; null: none is")
+
+
+class TrafficList(Described):
+    """The last messages of a line, oldest first."""
+
+    line: str
+    messages: list[TrafficMessage]
 
 
 class Allowed(Described):

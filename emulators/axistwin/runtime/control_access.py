@@ -265,6 +265,7 @@ class BoundControl:
         self.name = control.name if key is None else f"{control.name}.{key}"
         self.kind, self.doc, self.unit = shown.kind, shown.doc, shown.unit
         self.low, self.high, self.choices = shown.low, shown.high, shown.choices
+        self.bits, self.is_queue = shown.bits, shown.is_queue
         self.has_numbers = isinstance(control.keys, range) and key is None
         self.keys = control.keys if self.has_numbers else None
         self.is_readable = control is POWER or bool(control.read or control.field)

@@ -30,6 +30,7 @@ from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.runtime.storage import Slot, Stores
+from axistwin.runtime.transcript import Message, MessageSubscriber
 from axistwin.runtime.twin import handle_class
 
 JOURNAL_MAX: Final = 1000
@@ -206,6 +207,31 @@ class Simulation(ABC, Generic[Net]):
     def note(self, text: str) -> None:
         """Put what is done by hand, now, into the journal."""
         self.journal.append((self.sync(), HAND, text))
+
+    # -- what was said ------------------------------------------------------------------------
+
+    @abstractmethod
+    def subscribe_messages(self, subscriber: MessageSubscriber) -> Callable[[], None]:
+        """Give every message that is complete from now on to ``subscriber``; call what is returned
+        to end that.
+
+        It is called in any thread, with the lock, and must not wait.
+        """
+
+    @property
+    @abstractmethod
+    def messages(self) -> list[Message]:
+        """The last messages."""
+
+    @abstractmethod
+    def explain(self, content: Any) -> str:
+        """What bytes of this line, or a frame of this bus, say; empty if nobody knows."""
+
+    def flush_messages(self, *, at_once: bool = False) -> None:
+        """Have subscribers told of what is complete now; ``at_once``: also of what may go on."""
+        self.sync()
+
+    # -- memory -------------------------------------------------------------------------------
 
     def save_moving(self) -> None:
         """Save, not durably, what has changed by itself: the positions of axes that move."""

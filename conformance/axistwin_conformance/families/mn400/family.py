@@ -24,6 +24,8 @@ from axistwin_conformance.transport.kinds import HID
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 MODEL: Final = Model("mn400", "MN400 4-axis motion controller", over={HID: Mn400Usb()})
+DONE: Final = frozenset({codec.ReturnCode.START, codec.ReturnCode.DONE, codec.ReturnCode.PRESENT})
+REFUSALS: Final = codec.CODES - DONE
 QUERIES: Final = (ReplyForm.DATA, ReplyForm.LISTING, ReplyForm.PRESENT, ReplyForm.REPEATED)
 
 
@@ -60,13 +62,20 @@ class Mn400(Family):
     def in_words(self, request: bytes, reply: bytes) -> Exchange:
         """Put an exchange into the words of a failure."""
         packet = codec.parse(request)
-        if packet is None or not packet.is_sound:
+        if packet is None:
             return Exchange(words.explain_request(request))
+        told = words.command_words(packet.text)
+        told += "" if packet.board == self.default_address else f", to {packet.board}"
+        if not packet.is_sound:  # it changes nothing
+            told = " with ".join((told, *packet.flaws)).replace(", should be ", " instead of ")
+            return Exchange(told, is_refused=True)
         rule = rule_of(packet.text)
         effect = Effect.NOTHING if rule is not None and rule.form in QUERIES else Effect.OTHER
-        told = words.command_words(packet.text)
-        is_usual = packet.board == self.default_address
-        return Exchange(told if is_usual else f"{told}, to {packet.board}", effect)
+        if rule is None or packet.board != self.default_address:
+            return Exchange(told, effect)
+        is_refused = any(part.code in REFUSALS for part in codec.packets(reply)[0])
+        sets, needs = words.touched(rule, packet.text)
+        return Exchange(told, effect, is_refused=is_refused, sets=sets, needs=needs)
 
     def driver(self, session: Session, address: int | None = None) -> BoardDriver:
         """A board on the line."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
+from axistwin_conformance.core.wording import PLACE, RUNNING
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.codec import BoardPacket, ReturnCode
 from axistwin_conformance.families.mn400.grammar import PARAMETER, CommandRule, rule_of
 
+# Commands of which the last one counts, as far as it has all parameters, and what moves depend on.
+SETTINGS: Final = "BDFGIPVXY"
+MOVES_BY: Final = frozenset({RUNNING, PLACE, *"BDFIPVX"})
 EVERY_BOARD: Final = "all boards"
 
 
@@ -41,6 +46,24 @@ def command_words(text: str) -> str:
         return f"{shown or 'nothing'} (no command)"
     values = _values(rule, text[1:])
     return f"{shown} ({rule.title}{': ' if values else ''}{values})"
+
+
+def touched(
+    rule: CommandRule, text: str
+) -> tuple[Mapping[str, str | None] | None, frozenset[str] | None]:
+    """What a command changes of the state of a board, and what it depends on; None: not known."""
+    parts = text[1:].split(",")
+    is_whole = len(parts) == len(rule.parameters) and all(parts)
+    value = text if is_whole else None  # what is left out may stay as it is
+    if rule.letter in SETTINGS:
+        return {rule.letter: value}, frozenset()
+    if rule.letter == "L":
+        return {PLACE: value}, frozenset({RUNNING, PLACE})
+    if rule.moves and rule.letter != ")":
+        return {RUNNING: None, PLACE: None}, MOVES_BY
+    if rule.letter in "E*?":
+        return {}, frozenset({RUNNING, PLACE} if rule.letter == "E" else ())
+    return None, None
 
 
 def _values(rule: CommandRule, body: str) -> str:

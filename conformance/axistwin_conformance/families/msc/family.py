@@ -26,6 +26,7 @@ from axistwin_conformance.families.msc.snapshot import MscSnapshot
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 BAUD: Final = 9600  # MSC-PHY-01
+FLAGS: Final = 256  # a device may take a number modulo this (MSC-AMB-22)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,9 @@ class Msc(Family):
             words += f" with {flaws}" if flaws else ""
         is_write = name in codec.WRITES and codec.is_whole(request)
         effect = Effect.VALUE if is_write else Effect.NOTHING
-        return Exchange(words, effect, is_refused=reply == codec.NAK)
+        sets, needs = _touched(packet) if packet is not None else ({}, frozenset[str]())
+        is_refused = reply == codec.NAK
+        return Exchange(words, effect, is_refused=is_refused, sets=sets, needs=needs)
 
     def driver(self, session: Session, address: int | None = None) -> MscDriver:
         """A unit on the line."""
@@ -149,3 +152,17 @@ class Msc(Family):
 
 
 FAMILY: Final = Msc()
+
+
+def _touched(packet: codec.Packet) -> tuple[Mapping[str, str | None] | None, frozenset[str] | None]:
+    """Which variable or flag a request sets, and which it reads; None: several."""
+    name, number = packet.name, next(iter(packet.numbers), 0)
+    if name == "DWRITE":
+        return {f"D{number}": packet.payload[2:].hex()}, frozenset()
+    if name in ("SFLAG", "CFLAG"):
+        return {f"F{number % FLAGS}": name}, frozenset()
+    if name in ("DREAD", "RFLAG"):
+        return {}, frozenset({f"D{number}" if name == "DREAD" else f"F{number % FLAGS}"})
+    return (
+        (None, frozenset()) if name == "BWRITE" else ({}, None if name != "RQSTAT" else frozenset())
+    )

@@ -81,7 +81,8 @@ _OUTCOMES: Final = (ReturnCode.NOMOVEPENDING, ReturnCode.MOVEPENDING)
 class BoardSnapshot(Snapshot):
     """A board at one instant.
 
-    remaining: steps not made (N).  outputs: the numbers of those that are on.
+    remaining: steps not made (N).  queued: commands behind what runs.  outputs: the numbers of
+    those that are on.
     """
 
     address: int
@@ -90,6 +91,7 @@ class BoardSnapshot(Snapshot):
     state_text: str
     counters: list[int]
     remaining: list[int]
+    queued: int
     exit_code: int
     outputs: list[int]
     inputs_status: int
@@ -561,6 +563,7 @@ class Mn400Board:
             state_text=state.value if self._powered else "off",
             counters=list(self.position_at(now)),
             remaining=list(self.mover.left_at(now)),
+            queued=len(self.mover.queue),
             exit_code=self.mover.exit_code,
             outputs=[n + 1 for n, is_on in enumerate(self.interpreter.outputs) if is_on],
             inputs_status=inputs.status,

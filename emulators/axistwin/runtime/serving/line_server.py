@@ -34,6 +34,11 @@ TURN_NS: Final[Nanos] = 500 * NS_PER_MS
 ANSWER_NS: Final[Nanos] = 100 * NS_PER_MS
 """How long whoever was held back leaves the line to others after their bytes."""
 
+PAUSE_NS: Final[Nanos] = 50 * NS_PER_MS
+"""A longer silence ends a burst of the transcript.  A reply may reach it in pieces, late when the
+machine is busy; the other direction ends it anyway.
+"""
+
 BAUD_MIN: Final = 50
 """The slowest rate for which systems have a name; clients that are slower get it on the line."""
 
@@ -81,6 +86,7 @@ class Server(BaseServer[Line, Port]):
     ) -> None:
         super().__init__(line, ports, loop, report)
         self.line = line
+        line.transcript.pause_ns = PAUSE_NS
         self._clients: list[Client] = []
         self._held_back: dict[Client, bytes] = {}
         """Who is not read, and what the line has not taken yet of what they have sent."""

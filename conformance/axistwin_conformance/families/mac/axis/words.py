@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from axistwin_conformance.base.errors import counted
-from axistwin_conformance.core.wording import Effect, Exchange
+from axistwin_conformance.core.wording import (
+    AS_AT_START,
+    PLACE,
+    POWERED,
+    RUNNING,
+    Effect,
+    Exchange,
+)
 from axistwin_conformance.families.mac.axis.exchanges import (
     COMMAND_NAMES,
     QUERIES,
@@ -27,6 +35,32 @@ EFFECTS: Final = {
     **dict.fromkeys((0x17, 0x18), Effect.STOP),
     **dict.fromkeys(QUERIES, Effect.NOTHING),
 }
+# Of the state of an axis, what commands change and what replies depend on; of a parameter the name
+# is that of its command.
+FIFO: Final = "fifo"  # whether a segment has been run yet
+SPEEDS: Final = frozenset({"0Dh", "0Eh", "0Fh"})
+MOVES_BY: Final = frozenset({RUNNING, PLACE, POWERED, "03h", *SPEEDS})
+MOVED: Final[Mapping[str, str | None]] = {RUNNING: None, PLACE: None}
+SETS: Final[Mapping[int, Mapping[str, str | None]]] = {
+    **dict.fromkeys((0x11, 0x13, 0x14, 0x15), MOVED),
+    **{index: {**MOVED, FIFO: "used"} for index in (0x16, 0x1E)},
+    **{index: {RUNNING: None} for index in (0x10, 0x17, 0x18)},
+    0x0B: {PLACE: None},
+    0x19: {POWERED: AS_AT_START},
+    0x1A: {POWERED: "off"},
+}
+NEEDS: Final[Mapping[int, frozenset[str]]] = {
+    **dict.fromkeys(COMMAND_NAMES, frozenset({RUNNING, POWERED})),
+    **dict.fromkeys((0x10, 0x11, 0x13, 0x14, 0x15), MOVES_BY),
+    **dict.fromkeys((0x16, 0x1E), MOVES_BY | {FIFO}),
+    0x03: frozenset({RUNNING, "07h", "09h", "0Ah"}),
+    0x0B: frozenset({RUNNING, PLACE}),
+    0x20: frozenset({RUNNING, PLACE}),
+    0x21: frozenset({RUNNING, "03h"}),
+    **{query: frozenset(f"{one.index:02X}h" for one in SHOWN_BY[query]) for query in SHOWN_BY},
+    0x27: frozenset({RUNNING, POWERED, "03h", "07h", "1Ch"}),
+    **dict.fromkeys((0x2A, 0x2B, 0x2C, 0x2D, 0x2E, 0x2F), frozenset[str]()),
+}
 WITHOUT_PARAMETER: Final = frozenset({0x00, 0x01, 0x0B, 0x10, 0x11, 0x14, 0x17, 0x18, 0x19, 0x1A})
 NOT_USED: Final = "not used"
 TICK: Final = "× 0.125 µs"  # the unit of a period
@@ -41,6 +75,7 @@ NAMES: Final = {  # of the fields of an answer
     "coefficient": "ramp coefficient",
     "tolerance": "tolerance",
 }
+PERIOD_TICK_NS: Final = 125
 UNITS: Final = {"period": TICK, "superior": "increments", "inferior": "increments"}
 # The bytes of answers by the letters of the manual (MACS-Q-21-01, MACS-Q-27-01).
 STATUS_BYTES: Final = {0x21: ("dd", "ff", "", "hh"), 0x27: ("tt", "vv", "cc", "dd")}
@@ -52,6 +87,11 @@ GLOSSARY: Final = {
     "tt": "temperature byte tt of 27h",
     "vv": "supply byte vv of 27h",
 }
+
+
+def pace_words(named: str, period: int) -> str:
+    """How fast an axis moves at most: the time of an increment, and the command that set it."""
+    return f"{period * PERIOD_TICK_NS / 1e6:.4g} ms an increment ({named} = {period})"
 
 
 def request_words(index: int, parameter: int, named: str = "") -> str:
@@ -102,10 +142,29 @@ def _shown(parameter: AxisParameter, data: int) -> int:
     return signed(value, parameter.bits) if parameter.is_signed else value
 
 
-def exchange_words(words: str, index: int, data: int | None) -> Exchange:
-    """A well-formed request, already in words, and the number of its answer, None if none came."""
+def exchange_words(words: str, index: int, parameter: int, data: int | None) -> Exchange:
+    """A well-formed request, already in words, its parameter, and the number of its answer, None if
+    none came."""
     is_query = index in QUERIES
     name = QUERY_NAMES.get(index, "") if is_query else ""
     answer = data_words(index, data) if is_query and data is not None else ""
     quantity = "position" if name == "position" else ""
-    return Exchange(words, EFFECTS.get(index, Effect.OTHER), quantity, answer)
+    return Exchange(
+        words, EFFECTS.get(index, Effect.OTHER), quantity, answer, sets=_sets(index, parameter),
+        needs=NEEDS.get(index), shows=_shows(index, data) if is_query and data is not None else {},
+    )  # fmt: skip
+
+
+def _sets(index: int, parameter: int) -> Mapping[str, str | None] | None:
+    """What a request changes."""
+    known = PARAMETERS.get(index)
+    if known is not None:
+        return {f"{index:02X}h": str(known.taken(parameter))}
+    return {} if index in QUERIES else SETS.get(index)
+
+
+def _shows(query: int, data: int) -> dict[str, str | None]:
+    """What an answer tells of the state."""
+    if query == POSITION:
+        return {PLACE: str(signed(data))}
+    return {f"{one.index:02X}h": str(_shown(one, data)) for one in SHOWN_BY.get(query, ())}

@@ -35,7 +35,7 @@ from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES as AX
 from axistwin_conformance.families.mac.axis.exchanges import QUERY_NAMES as AXIS_QUERIES
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind as ReplyKind
 from axistwin_conformance.families.mac.axis.exchanges import signed as signed
-from axistwin_conformance.families.mac.axis.words import NOT_USED, data_words
+from axistwin_conformance.families.mac.axis.words import NOT_USED, data_words, request_words
 from axistwin_conformance.transport.can_frame import Frame
 
 NMT: Final = 0x000
@@ -504,10 +504,11 @@ def _transfer_words(data: bytes) -> str:
     where, filler = _index_words(low, high, sub_index), data[4:].hex().upper()
     if command == UPLOAD:
         name = QUERY_NAMES.get(0x20 + low, NOT_USED) if high == INDEX_HIGH else NOT_USED
-        return f"upload {where} {name}" + ("" if data[4:] == ZEROS else f", filler {filler}")
-    name = COMMAND_NAMES.get(low, NOT_USED) if high == INDEX_HIGH else NOT_USED
-    form = "download" if command == DOWNLOAD else f"by {command:02X}h"
-    return f"{form} {where} {name} {filler}"
+        return f"upload {where} ({name})" + ("" if data[4:] == ZEROS else f", filler {filler}")
+    form = f"{'download' if command == DOWNLOAD else f'by {command:02X}h'} {where}"
+    if high == INDEX_HIGH and low in COMMAND_NAMES:
+        return request_words(low, int.from_bytes(data[4:], "big"), form)
+    return f"{form} ({NOT_USED} {filler})"
 
 
 def _index_words(low: int, high: int, sub_index: int) -> str:

@@ -20,7 +20,12 @@ from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKin
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
 from axistwin_conformance.families.mac.axis.snapshot import MacFacts
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
-from axistwin_conformance.families.mac.axis.words import exchange_words, request_words
+from axistwin_conformance.families.mac.axis.words import (
+    MOVED,
+    MOVES_BY,
+    exchange_words,
+    request_words,
+)
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import bus_of
 from axistwin_conformance.families.mac.can.diagnosis import diagnose
@@ -102,7 +107,9 @@ class MacCan(AxisFamily):
             if to.startswith("to ") and len(frame.data) < codec.TRANSFER_BYTES:
                 return Exchange(f"{sent} {to}", Effect.NOTHING)
             is_sync = frame.identifier == codec.SYNC
-            return Exchange(words, Effect.START if is_sync else Effect.OTHER)
+            if is_sync:
+                return Exchange(words, Effect.START, sets=MOVED, needs=MOVES_BY)
+            return Exchange(words)
         came = [codec.parse(one) for one in unpack_all(reply)]
         data = next((one.data for one in came if one.index == index), None)
         address = frame.identifier - codec.REQUEST
@@ -110,9 +117,13 @@ class MacCan(AxisFamily):
             address, f" to module {address}"
         )
         named = f"{'upload' if index in codec.QUERIES else 'download'} 20{frame.data[1]:02X}h"
-        words = request_words(index, int.from_bytes(frame.data[4:], "big"), named) + to
+        parameter = int.from_bytes(frame.data[4:], "big")
+        words = request_words(index, parameter, named) + to
         is_refused = any(one.kind is ReplyKind.REFUSED and one.index == index for one in came)
-        return exchange_words(words, index, data)._replace(is_refused=is_refused)
+        told = exchange_words(words, index, parameter, data)
+        if to.startswith(" to module"):  # what another one depends on is not known
+            told = told._replace(sets=None, needs=None, shows={})
+        return told._replace(is_refused=is_refused)
 
     def driver(self, session: Session, address: int | None = None) -> CanDriver:
         """A module on the bus."""

@@ -26,7 +26,7 @@ from axistwin_conformance.families.mac.axis.exchanges import (
     QUERY_NAMES,
     ReplyKind,
 )
-from axistwin_conformance.families.mac.axis.words import NOT_USED, data_words
+from axistwin_conformance.families.mac.axis.words import NOT_USED, data_words, request_words
 
 STX: Final = 0x02
 ETX: Final = 0x03
@@ -265,7 +265,7 @@ def explain(data: bytes) -> str:
 
 
 def explain_request(data: bytes) -> str:
-    """Put a request, well-formed or not, into words: ``00: 13h go to position 000003E8``."""
+    """Put a request, well-formed or not, into words: ``to module 00h: 20h (position)``."""
     if len(data) > REQUEST_BYTES and data[0] == data[-REQUEST_BYTES] == STX and data[-1] == ETX:
         begun, whole = data[:-REQUEST_BYTES], data[-REQUEST_BYTES:]
         return f"frame broken off after {begun.hex(' ').upper()}, then {explain_request(whole)}"
@@ -273,7 +273,11 @@ def explain_request(data: bytes) -> str:
         return f"no frame ({len(data)} bytes)"
     summed = data[4:18]
     address, index = _text(summed[:2]), _text(summed[2:4])
-    return f"{address}: {index}h {_name(summed[2:4])} {_text(summed[6:])}{oddities(data)}"
+    words = f"{index}h ({_name(summed[2:4])} {_text(summed[6:])})"
+    if set(summed) <= DIGITS:
+        words = request_words(int(summed[2:4], 16), int(summed[6:], 16))
+    to = "all" if address == f"{GENERAL_ADDRESS:02X}" else f"module {address}h"
+    return f"to {to}: {words}{oddities(data)}"
 
 
 def is_refusal(received: bytes) -> bool:

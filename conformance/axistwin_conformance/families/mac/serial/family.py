@@ -3,7 +3,6 @@ put back, and which frame may do what to the axis."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
@@ -79,7 +78,7 @@ class MacSerial(AxisFamily):
     def in_words(self, request: bytes, reply: bytes) -> Exchange:
         """Put an exchange into the words of a failure."""
         if len(request) != codec.REQUEST_BYTES or not set(request[4:18]) <= codec.DIGITS:
-            words = re.sub("^00: ([0-9A-F]{2}h) (.*)$", r"\1 (\2)", codec.explain_request(request))
+            words = codec.explain_request(request).removeprefix("to module 00h: ")
             words += f": {request.hex(' ').upper()}" if words.startswith("no frame") else ""
             is_altered = request[-1:] != bytes([codec.ETX])
             return Exchange(words, is_altered=is_altered, is_refused=codec.is_refusal(reply))
@@ -93,8 +92,11 @@ class MacSerial(AxisFamily):
             more = sub_index.removeprefix(name) if sub_index.startswith(name) else f", {sub_index}"
             words, odd = f"{words[:-1]}{more})", odd and f", {odd}"
         words += odd.replace(", ", " with ", 1)
-        words += f" to module {address:02X}h" if to is None else to
-        told = exchange_words(words, index, codec.answer_data(reply))
+        to = f" to module {address:02X}h" if to is None else to
+        words += to
+        told = exchange_words(words, index, int(request[10:18], 16), codec.answer_data(reply))
+        if to.startswith(" to module"):  # what another one depends on is not known
+            told = told._replace(sets=None, needs=None, shows={})
         return told._replace(is_refused=codec.is_refusal(reply))
 
     def driver(self, session: Session, address: int | None = None) -> SerialDriver:

@@ -25,7 +25,7 @@ from axistwin_conformance.families.mac.axis.probes.motion import (
     triangle_law,
 )
 from axistwin_conformance.families.mac.axis.probing import MOVES
-from axistwin_conformance.families.mac.axis.words import TICK
+from axistwin_conformance.families.mac.axis.words import pace_words
 
 ORDER = 120  # of this module in a run; see `Family.modules`
 
@@ -245,7 +245,7 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
                 partial(
                     _busy_seen,
                     exchange,
-                    f"{driver.client.named(0x0D)} = {driver.motion.period} {TICK} an increment",
+                    pace_words(driver.client.named(0x0D), driver.motion.period),
                     target - highest,
                     target - lowest,
                     tolerance,

@@ -19,7 +19,7 @@ from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import MOVES
-from axistwin_conformance.families.mac.axis.words import TICK
+from axistwin_conformance.families.mac.axis.words import pace_words
 
 ORDER = 160  # of this module in a run; see `Family.modules`
 
@@ -141,7 +141,7 @@ def _overrun_seen(
     stop = start + side.direction * 50
     which = "superior" if side.direction > 0 else "inferior"
     clause = (
-        f"after {name} from position {start}, with 0Dh = {driver.motion.period} {TICK} an increment"
+        f"after {name} from position {start}, at {pace_words('0Dh', driver.motion.period)}"
         f" and without a ramp (0Fh = 0), the axis came to rest {counted(place - 50, 'increment')}"
         f" beyond the {which} software stop ({side.index:02X}h = {stop}), at {REQUEST} ="
         f" {start + side.direction * place} increments"

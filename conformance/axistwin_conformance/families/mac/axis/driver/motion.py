@@ -39,7 +39,7 @@ from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, values
 from axistwin_conformance.families.mac.axis.return_to_start import STILL_S, comes_back
 from axistwin_conformance.families.mac.axis.shaft import SLOWEST_LEVEL_TICKS
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
-from axistwin_conformance.families.mac.axis.words import TICK
+from axistwin_conformance.families.mac.axis.words import pace_words
 
 DEAF_S: Final = 2.0  # MACS-CMD-00-02
 FIFO_STAGES: Final = 3
@@ -425,7 +425,7 @@ class AxisMotion:
         unit = counted(ramp_increments(1), "increment")
         ramp = f"{unit} of ramp for each unit" if self.coefficient else "no ramp"
         return (
-            f"{place} with {self._client.named(0x0D)} = {self.period} {TICK} an increment"
+            f"{place} at {pace_words(self._client.named(0x0D), self.period)}"
             f" and {self._client.named(0x0F)} = {self.coefficient} ({ramp})"
         )
 
