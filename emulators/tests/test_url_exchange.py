@@ -316,3 +316,23 @@ def test_a_write_and_a_read_take_the_short_way(monkeypatch: pytest.MonkeyPatch) 
         side.port.write(QUERY)
         assert len(side.port.read(ANSWER_LENGTH)) == ANSWER_LENGTH
     assert [len(each or b"") for each in outcomes] == [ANSWER_LENGTH] * 3
+
+
+@pytest.mark.parametrize("most", [1, 3, 25])
+def test_what_is_upcoming_is_what_is_read_next(most: int) -> None:
+    """A look ahead takes no time, and tells what is certain to come, nothing else."""
+    port: Any = serial.serial_for_url("axistwin://mac23?time=virtual", baudrate=38400, timeout=1)
+    port.advance(3)
+    assert len(port.exchange(QUERY, ANSWER_LENGTH, 1)[1]) == ANSWER_LENGTH
+    port.write(QUERY)
+    assert port.upcoming == b""  # the request is under way
+    read, seen = b"", 0
+    while piece := port.read(min(most, len(port.upcoming) or 1)):
+        read += piece
+        before_ns, upcoming = port.virtual_time_ns, port.upcoming
+        assert port.virtual_time_ns == before_ns
+        seen = max(seen, len(upcoming))
+        assert len(read + upcoming) <= ANSWER_LENGTH
+        assert port.line._network.host_upcoming == upcoming
+    assert len(read) == ANSWER_LENGTH
+    assert seen == ANSWER_LENGTH - 1

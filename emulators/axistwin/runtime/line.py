@@ -229,6 +229,12 @@ class Line(Simulation[SerialNetwork]):
             return began_ns, answer, reached_ns
 
     @property
+    def upcoming(self) -> bytes:
+        """What ``receive`` will give next, as far as that is certain; no time passes."""
+        with self._lock:
+            return self._network.host_upcoming
+
+    @property
     def has_news(self) -> bool:
         """Whether ``receive`` would give something, even without looking at the clock."""
         return bool(self._network.host_available)

@@ -477,6 +477,14 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         """How many bytes have arrived at the host and were not taken."""
         return len(self._received)
 
+    @property
+    def host_upcoming(self) -> bytes:
+        """What the host will take next: what has arrived, and what surely follows on the line."""
+        stretch = self._line.peek_stretch()
+        if stretch is None or HOST not in stretch[1]:
+            return bytes(self._received)
+        return bytes(self._received) + stretch[0].data
+
     def host_take(self, limit: int | None = None) -> bytes:
         """Take the bytes that have arrived by now, ``limit`` (>= 0) of them at most."""
         if limit is None or limit >= len(self._received):

@@ -16,6 +16,7 @@ import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 from axistwin_conformance.core.lenient import COMPLETENESS, Lenient, ReplyDeparture
@@ -105,6 +106,7 @@ def lenient(
     return best
 
 
+@lru_cache(maxsize=4096)  # a reply that comes byte by byte begins like many others
 def _best(asked: _Asked, reply: bytes) -> Lenient | None:
     """The reading with the fewest departures; among equals one of the reply as a whole."""
     if sound := _as_reply(asked, _Text((), reply, reply), 0):  # nearly always
