@@ -102,7 +102,7 @@ STEPS = st.tuples(
 
 
 @pytest.mark.strength
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(URLS), st.lists(STEPS, min_size=1, max_size=12), st.booleans())
 def test_an_exchange_is_a_write_and_a_read(
     url: str, steps: list[tuple[bytes, int, float, float]], reads_all: bool
@@ -163,7 +163,7 @@ MSC_STEPS = st.tuples(
 
 
 @pytest.mark.strength
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.sampled_from(MSC_URLS), st.lists(MSC_STEPS, min_size=1, max_size=12))
 def test_controllers_answer_the_same_the_short_way(
     url: str, steps: list[tuple[bytes, int, float, float, str]]
@@ -257,7 +257,7 @@ def test_where_more_is_going_on_an_exchange_is_the_same_too(
     assert is_short or all(each is None for each in outcomes)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(URLS), st.lists(STEPS, min_size=1, max_size=8))
 def test_a_read_in_virtual_time_is_a_wait_and_a_look(
     url: str, steps: list[tuple[bytes, int, float, float]]
