@@ -345,7 +345,7 @@ def test_random_bytes_are_no_reply() -> None:
         assert lenient(request, came) is None or came in (b"\x15", b"\x06")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     index=st.integers(0, 0xFF),
     reply=st.lists(

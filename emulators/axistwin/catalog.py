@@ -1,13 +1,16 @@
 """What there is to be run: the models, their switches, profiles, and how lines and buses are built.
 
-Each family declares its models in ``devices/<family>/family.py``.
+Each family declares its models in ``devices/<family>/family.py``.  What only some runs need, buses
+and programs, is imported by them: a start loads what it runs.
 """
+
+from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from reprlib import repr as shown  # of any depth and length
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from axistwin import discovery
 from axistwin.devices.base import CanDevice, SerialDevice
@@ -15,15 +18,16 @@ from axistwin.devices.family import Carrier, DeviceOptions, Model, Value
 from axistwin.errors import StateError, UsageError, nearest, suggestion, with_article
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
-from axistwin.programs import Program, ProgramSource, find_program
-from axistwin.runtime.bus import Bus
-from axistwin.runtime.can_network import CanNetwork
 from axistwin.runtime.clock import Clock, PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemoryStorage, Stores
 from axistwin.wire.faults import WireFaults
+
+if TYPE_CHECKING:
+    from axistwin.programs import Program, ProgramSource
+    from axistwin.runtime.bus import Bus
 
 DEFAULT_BITRATE = 125_000
 """Of a bus, bits per second."""
@@ -246,6 +250,9 @@ def build_bus(
 
     Raises UsageError and StateError; the storage is closed then.
     """
+    from axistwin.runtime.bus import Bus
+    from axistwin.runtime.can_network import CanNetwork
+
     storage = MemoryStorage() if storage is None else storage
     try:
         used = _checked_models(specs, "can", quirks or {})
@@ -273,9 +280,13 @@ def _programs_of(
     specs: Sequence[DeviceSpec], programs: Mapping[int | None, ProgramSource]
 ) -> dict[int, Program]:
     """The program of each device that gets one, by its place on the line.  Raises UsageError."""
+    if not programs:
+        return {}
+    from axistwin.programs import find_program
+
     tables = [find_model(spec.model).family.controls() for spec in specs]
     places = [place for place, table in enumerate(tables) if "load_program" in table.attributes()]
-    if programs and not places:
+    if not places:
         raise UsageError(
             f"{specs[0]} runs no program; leave it out, or name a controller such as msc-250"
         )

@@ -1,6 +1,5 @@
 """One seed decides everything: named streams are derived from it, never from each other's use."""
 
-import hashlib
 from typing import Final
 
 _MASK: Final = (1 << 64) - 1
@@ -11,6 +10,8 @@ def derive_seed(seed: int, name: str) -> int:
 
     Adding a stream does not shift the numbers another one draws.
     """
+    import hashlib  # slow to load, and a lone device has nothing to derive
+
     digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
     return int.from_bytes(digest[:8], "big")
 

@@ -119,8 +119,10 @@ class CanNetwork(DeviceNetwork[CanDevice]):
         if now == self.settled_ns:
             return
         steps, began_ns = 0, self.now_ns
-        while self._run_next(now):
-            steps += 1
+        due_ns = self.next_event()
+        if due_ns is not None and due_ns <= now:  # by far the most common is that nothing is due
+            while self._run_next(now):
+                steps += 1
         self.long_span_ns = now - began_ns if steps >= MANY_STEPS else 0
         self._stand_at(now)
         self.settled_ns = now

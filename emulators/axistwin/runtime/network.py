@@ -46,6 +46,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
     wires of its own if all devices are made for that.
     host_format: the host's format; by default that of the first device.
     ``host_overruns`` counts the bytes lost because the host's buffer was full.
+    ``is_host_understood``: whether the host's rate is near enough to a device's for its UART.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         else:
             self._line = (SerialLine if paced else InstantLine)(all_formats, start_ns)
         self._formats = formats
+        self.is_host_understood = self._understands_host()
         self._is_paced = paced
         self._is_lone = len(devices) == 1
         self._hear_one_another = not (self._is_lone or isinstance(self._line, DuplexLine))
@@ -252,6 +254,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         if line_format is not self._formats[index]:
             self._formats[index] = line_format
             self._line.set_format(index + 1, line_format)
+            self.is_host_understood = self._understands_host()
 
     def _switch(self, index: int, *, on: bool) -> None:
         (self._unpowered.discard if on else self._unpowered.add)(index)
@@ -269,6 +272,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
     def host_format(self, line_format: LineFormat) -> None:
         self.settled_ns = None
         self._line.set_format(HOST, line_format)
+        self.is_host_understood = self._understands_host()
 
     def host_send(self, data: bytes) -> None:
         """Queue ``data`` behind what the host still sends."""
@@ -303,12 +307,10 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
             return False
         line.now_ns = schedule.now = now
         effects: Sequence[Effect] = device.receive(Chunk(now, data, None))
-        if device.line_format is self._formats[0] and all(
-            type(effect) is Transmit and effect.start_ns <= now for effect in effects
+        if device.line_format is self._formats[0] and (
+            len(effects) == 1 and type(reply := effects[0]) is Transmit and reply.start_ns <= now
         ):
-            for effect in effects:
-                assert isinstance(effect, Transmit)
-                self._host_hears(effect.data)
+            self._host_hears(reply.data)
             effects = ()
         self.apply(0, effects)
         schedule.touch(0)
@@ -454,14 +456,11 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         """The rates that the devices listen at now, each once, in their order."""
         return tuple(dict.fromkeys(each.baud for each in self._formats))
 
-    @property
-    def is_host_understood(self) -> bool:
-        """Whether the host's rate is near enough to a device's for its UART to hear the bytes."""
+    def _understands_host(self) -> bool:
         rate = self._line.format_of(HOST).baud
-        for each in self._formats:
-            if abs(each.baud - rate) * RATE_TOLERANCE_PARTS <= each.baud:
-                return True
-        return False
+        return any(
+            abs(each.baud - rate) * RATE_TOLERANCE_PARTS <= each.baud for each in self._formats
+        )
 
     @property
     def host_backlog(self) -> int:
@@ -477,6 +476,14 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
     def host_available(self) -> int:
         """How many bytes have arrived at the host and were not taken."""
         return len(self._received)
+
+    @property
+    def host_upcoming(self) -> bytes:
+        """What the host will take next: what has arrived, and what surely follows on the line."""
+        stretch = self._line.peek_stretch()
+        if stretch is None or HOST not in stretch[1]:
+            return bytes(self._received)
+        return bytes(self._received) + stretch[0].data
 
     def host_take(self, limit: int | None = None) -> bytes:
         """Take the bytes that have arrived by now, ``limit`` (>= 0) of them at most."""

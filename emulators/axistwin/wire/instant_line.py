@@ -151,6 +151,8 @@ class InstantLine:
 
     def sent_ns(self, station: int) -> Nanos:
         """When all that ``station`` has queued is sent; now, if it is."""
+        if not self._waiting:
+            return self.now_ns
         starts = [each.start_ns for each in self._waiting if each.station == station]
         return max(self.now_ns, *starts) if starts else self.now_ns
 

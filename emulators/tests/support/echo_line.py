@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.clock import PacedClock
+from axistwin.runtime.transcript import Transcript
 from axistwin.wire.framing import LineFormat
 
 OWN_FORMAT = LineFormat(38400)
@@ -24,6 +25,7 @@ class EchoLine:
         self.formats: list[LineFormat] = []
         self.breaks: list[Nanos] = []
         self.clock = PacedClock()
+        self.transcript = Transcript()
         self.is_volatile = True
         self.is_moving = False
         self.is_blocked = False

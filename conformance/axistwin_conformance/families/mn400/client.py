@@ -120,10 +120,10 @@ class BoardClient:
     def receive_packet(self, timeout_s: float) -> tuple[BoardPacket | None, bytes]:
         """The next packet, and what came before it or instead of it; `timeout_s` (s) until its
         first byte, the rest has the time it takes on the line."""
-        strays, received = b"", self.target.receive(1, timeout_s)
+        strays, received = b"", self.target.receive(self._missing(b""), timeout_s)
         while received and received[0] < codec.ADDRESS_MARK and len(strays) < MOST_STRAYS:
             strays += received
-            received = self.target.receive(1, timeout_s)
+            received = self.target.receive(self._missing(b""), timeout_s)
         while received and not codec.packet_end(received) and len(received) < LONGEST_PACKET:
             more = self.target.receive(self._missing(received), self.session.reply_timeout_s)
             if not more:
@@ -133,12 +133,13 @@ class BoardClient:
             return None, strays + received
         return codec.parse(received), strays
 
-    @staticmethod
-    def _missing(received: bytes) -> int:
+    def _missing(self, received: bytes) -> int:
         """How many bytes may be read at once without reading beyond this packet."""
-        if len(received) > 1 and received[-1] >= codec.ADDRESS_MARK:
+        if end := codec.packet_end(received + self.target.upcoming):
+            return end - len(received)
+        if not received or (len(received) > 1 and received[-1] >= codec.ADDRESS_MARK):
             return 1
-        return 1 if len(received) >= 2 else codec.LEAST_PACKET - len(received) - 1
+        return codec.LEAST_PACKET - 2  # its second address, and the checksum
 
     # --- waiting ----------------------------------------------------------------------------------
 

@@ -4,8 +4,9 @@ Rules
 -----
 1. One simulation, any number of ports, in a loop that others may share (``rack``).  Everything
    happens in the loop's thread.
-2. One alarm, set for the next moment at which there is something to do.  Nothing else ticks, so
-   what is at rest costs no processor time.  What has come already is something to do: no reply
+2. One alarm, set for the next moment at which there is something to do, or an earlier one: what
+   moves away leaves it as it is, since most of that moves with every exchange.  Nothing else ticks,
+   so what is at rest costs no processor time.  What has come already is something to do: no reply
    waits here, wherever the process is paused.
 3. Positions of moving axes are saved every ``SAVE_PERIOD_NS``, as long as one moves.
 4. What fails in a callback ends this server: its ports are closed, ``failure`` says why, and
@@ -217,7 +218,10 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         # have pushed time past the event that was due, and what came then waits for nothing.
         if self._has_news:
             due = self.simulation.clock.now_ns()
-        if due == self._alarm_ns:
+        present = self._alarm_ns
+        if due == present or (
+            present is not None and present >= 0 and (due is None or present < due)
+        ):
             return
         self._alarm_ns = due
         if due is None:
@@ -237,8 +241,10 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
 
         What the host is told is saved by the simulation itself; this is for the time in between.
         """
+        if self._save_ns is None:
+            return
         now = self.simulation.clock.now_ns()
-        if self._save_ns is None or now < self._save_ns:
+        if now < self._save_ns:
             return
         self._save_ns = None
         if self.simulation.is_moving:

@@ -15,14 +15,15 @@ Rules
 import contextlib
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
-from dataclasses import dataclass
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from axistwin.errors import StateError, UnknownNameError, UsageError, nearest
 from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.serving.base_server import BaseServer
 from axistwin.runtime.serving.loop import Loop
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 10.0
@@ -32,8 +33,7 @@ ServerT = TypeVar("ServerT", bound=AnyServer)
 ResultT = TypeVar("ResultT")
 
 
-@dataclass(frozen=True, slots=True)
-class RackDevice:
+class RackDevice(NamedTuple):
     """A device of a rack: its ``name`` there, its ``line``'s, and its handle."""
 
     name: str
@@ -165,6 +165,8 @@ class Rack:
         return self._soon(each)
 
     def _soon(self, call: Callable[[], ResultT]) -> "Future[ResultT]":
+        from concurrent.futures import Future  # with logging and more, which few runs need
+
         future: Future[ResultT] = Future()
 
         def answer() -> None:
@@ -225,6 +227,8 @@ class Rack:
         )
         self._thread.start()
         assert ready.wait(START_TIMEOUT_S), "the rack's thread did not start"
+        if self._failure is not None:
+            self.stop()  # which raises it
 
     def stop(self) -> None:
         """Stop the thread and close everything.  Raises what made the last line fail, if it did."""

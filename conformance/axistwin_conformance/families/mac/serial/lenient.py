@@ -30,7 +30,6 @@ MOST_REWRITES: Final = 2
 MOST_SURPLUS: Final = 4  # bytes before or behind a reply
 SHORTEST_ANSWER: Final = 12  # with numbers that have one digit
 LONGEST_ANSWER: Final = codec.ANSWER_BYTES + 12  # with fields twice as long as they should be
-REMEMBERED: Final = 4096  # replies
 LONGEST: Final = 4 * codec.ANSWER_BYTES  # who says more than that to one request, babbles
 MOTIONS: Final = frozenset({0x11, 0x13, 0x14, 0x15, 0x16, 0x1E})
 ANSWERED_AT_ONCE_NS: Final = 500_000_000  # MACS-REPLY-16
@@ -109,7 +108,7 @@ def lenient(
     return best
 
 
-@lru_cache(maxsize=REMEMBERED)  # read anew with each byte that comes, and mostly the same again
+@lru_cache(maxsize=4096)  # a reply that comes byte by byte begins like many others
 def _best(asked: _Asked, reply: bytes) -> Lenient | None:
     """The reading with the fewest departures; among equals one of the reply as a whole."""
     if sound := _as_reply(asked, _Text((), reply, reply), 0):  # nearly always
