@@ -305,8 +305,7 @@ def test_a_cut_supply_gives_no_travel_back(line: Line) -> None:
 
 
 def test_a_limit_leaves_the_axes_anywhere_on_their_way(line: Line) -> None:
-    """A relative move behind one that a limit cut short starts where that has ended, and no other
-    way is allowed by it; Q and a reading tell the place again."""
+    """What is relative starts there; Q and a reading tell the place again."""
     line.say("M-400")
     line.work("limit_minus")
     line.at(500 - 64)
