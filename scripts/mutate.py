@@ -1,8 +1,8 @@
 """Samples automatic mutants of the twin's device code; the black-box suite alone judges each.
 
 A family of the suite judges the code of its own face: `mac_serial` with it that of the axis and of
-motion, which the faces share; `mac_can` the CAN face and the module below it; `msc` all of the
-controller.
+motion, which the faces share; `mac_can` the CAN face and the module below it; `msc` and `mn400` all
+of the controller.
 
 A mutant is one small change of the source: a comparison or an operator replaced, a constant one
 more or less, a condition negated, a statement left out.  Drawn are changes of code that the suite
@@ -111,6 +111,13 @@ FAMILIES: Mapping[str, Family] = {
         (("msc-250", "quick"), ("msc-250", "full"), ("msc-generic:6", "full")),
         TESTS / "zoo_msc" / "survivors.toml",
         "msc-",
+    ),
+    "mn400": Family(
+        ("devices/mn400/*.py", "devices/mn400/link/*.py", "devices/mn400/motion/*.py"),
+        ("devices/mn400/link/decode.py", "devices/mn400/controls.py", "devices/mn400/family.py"),
+        (("mn400", "quick"), ("mn400", "full")),
+        TESTS / "zoo_mn400" / "survivors.toml",
+        "mn400-",
     ),
 }
 

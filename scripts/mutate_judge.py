@@ -77,12 +77,13 @@ def judge(stages: Stages) -> None:
     """Run stage after stage until something is said; `passed` if nothing is."""
     from axistwin.devices.mac.can.device import MacCan
     from axistwin.devices.mac.serial.device import MacSerial
+    from axistwin.devices.mn400.device import Mn400Board
     from axistwin.devices.msc.controller import MscController
     from axistwin.runtime.bus import Bus
     from axistwin.runtime.line import Line
     from axistwin_conformance.engine.run import Engine
 
-    for owner in (MacSerial, MscController, Line, MacCan, Bus):
+    for owner in (MacSerial, MscController, Mn400Board, Line, MacCan, Bus):
         watch(owner)
     readings: list[str] = []
     unsettled: list[str] = []

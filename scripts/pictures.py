@@ -32,6 +32,7 @@ ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 DIGESTS = PICTURES / "made-from.txt"
 PANEL_SIZE = (1120, 1000)
+TRAFFIC_HEIGHT = 740
 JOGGED = ("inputs.run_jog", "inputs.jog_m1_plus", "inputs.jog_m2_minus")
 RECORD = ROOT / "conformance" / "tests" / "contracts" / "golden" / "mac23-faulty" / "events.jsonl"
 EXAMPLE = ROOT / "fixtures" / "example-project"
@@ -181,8 +182,10 @@ def photograph(text: str, target: Path) -> None:
         )
 
 
-def photograph_panel(target: Path) -> None:
-    """A board that is jogged, and meets a limit, as the panel of a daemon shows it."""
+def photograph_panel(target: Path, traffic: Path) -> None:
+    """A board that is jogged, and meets a limit, as the panel of a daemon shows it; and ``traffic``
+    with a program that works it.
+    """
     browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     width, height = PANEL_SIZE
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
@@ -203,6 +206,16 @@ def photograph_panel(target: Path) -> None:
                 page.wait_for_timeout(1500)
             page.evaluate("scrollTo(0, 0)")
             page.screenshot(path=target)
+            send = [sys.executable, "-m", "axistwin", "send", "mn400"]
+            for text in ("?", "V2000", "M400,-150", "E", "S", "M0,900", "N"):
+                subprocess.run([*send, text], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+            page.set_viewport_size({"width": width, "height": TRAFFIC_HEIGHT})
+            page.goto(f"{ready['control']}/#/line/{ready['device']}")
+            page.get_by_label("Search").fill("LimitStatus")
+            page.locator(".message.device").first.wait_for()
+            page.get_by_role("button", name="Next").click()
+            page.wait_for_timeout(500)
+            page.screenshot(path=traffic)
             shown.close()
             daemon.terminate()
 
@@ -216,6 +229,7 @@ def contents() -> dict[str, str]:
         "failing-test.svg": as_svg(failing_test()),
         "panel.png": "".join(map(str, sorted(read_page().items()))),
         "plot.svg": first_plot(),
+        "traffic.png": "".join(map(str, sorted(read_page().items()))),
     }
 
 
@@ -232,7 +246,7 @@ def main() -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
     made_from = contents()
     photograph(made_from["failing-page.png"], PICTURES / "failing-page.png")
-    photograph_panel(PICTURES / "panel.png")
+    photograph_panel(PICTURES / "panel.png", PICTURES / "traffic.png")
     for name, text in made_from.items():
         if name.endswith(".svg"):
             (PICTURES / name).write_text(text, encoding="utf-8")

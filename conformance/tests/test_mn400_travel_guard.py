@@ -349,6 +349,20 @@ def test_a_board_that_goes_twice_as_far_is_moved_once() -> None:
 
 
 @pytest.mark.strength(seconds=40)
+def test_a_run_with_stored_programs_leaves_the_axes_where_they_were() -> None:
+    """What a program moves that the suite has stored is known to be over, and brought home."""
+    port = ShaftWatch()
+    options = make_options(
+        model="mn400", port=URL, allow="motion,stored", max_travel=3000, seed=7,
+        ids=("MN4-CMD-U", "MN4-NVM", "MN4-CMD-Q-05", "MN4-CMD-PAU-03"),
+    )  # fmt: skip
+    result = Engine(options, lambda neighbours: SerialTransport(port, URL)).run(lambda event: None)
+    assert (result.exit_status, result.problems) == (0, [])
+    assert port.highest[0] > 0
+    assert port.place == [0, 0, 0, 0]
+
+
+@pytest.mark.strength(seconds=40)
 def test_a_run_within_an_envelope_conforms_and_leaves_the_axes_where_they_were() -> None:
     """With what asks for readings, what moves and what works the rig, by the engine."""
     port = ShaftWatch()

@@ -356,7 +356,7 @@ def test_the_schema_tells_everything(api: ServedControl) -> None:
     schema = api.get("/openapi.json")
     paths = {path for path in schema["paths"] if path.startswith("/api/v1/")}
     assert "/api/v1/devices/{device}/controls/{control}" in paths
-    assert len(paths) == 7
+    assert len(paths) == 10
     problems = schema["components"]["schemas"]["Problem"]["properties"]
     assert all("description" in field for field in problems.values())
     for methods in schema["paths"].values():

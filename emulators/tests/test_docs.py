@@ -70,7 +70,7 @@ def test_the_generated_reference_is_fresh() -> None:
 
 @pytest.mark.system
 @pytest.mark.parametrize(
-    "name", ["", "run", "rack", "ctl", "models", "conform", "doctor", "decode", "plot"]
+    "name", ["", "run", "rack", "ctl", "watch", "models", "conform", "doctor", "decode", "plot"]
 )
 def test_the_reference_shows_how_help_is_asked_for(name: str) -> None:
     """As the program shows it: `-h` is known everywhere."""

@@ -1,6 +1,7 @@
 """Straight moves of the MN400: ramps, interpolation, step times (ledger §5.1, §5.2)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from math import isqrt
@@ -60,6 +61,63 @@ def test_moves_last_as_the_ledger_reckons(
         motion = straight(0, MoveSettings(read, SpeedProfile(*profile), speed), (steps, 0, 0, 0))
         assert abs(end(motion) - Fraction(expected) * S) < 1
         assert motion.step_time_ns(0, steps) == motion.end_ns
+
+
+@pytest.mark.parametrize(
+    ("profile", "speed", "steps", "scale", "ramp_steps", "ramp_s"),
+    [
+        (EXAMPLE, 2000, 10000, "1.0", 375, 0.25),
+        (EXAMPLE, 2000, 10000, "0.5", 750, 0.50),
+        (EXAMPLE, 3000, 10000, "1.0", 1000, 0.50),
+        (EXAMPLE, 3000, 10000, "0.5", 2000, 1.00),
+        (DEFAULT, 2000, 10000, "1.0", 150, 0.10),
+        (DEFAULT, 8000, 20000, "1.0", 1200, 0.40),
+        (DEFAULT, 5000, 500, "1.0", 250, 0.1449),
+        (DEFAULT, 3000, 800, "1.0", 400, 0.20),
+    ],
+)
+def test_ramps_are_as_long_as_the_ledger_reckons(
+    profile: tuple[int, int, int],
+    speed: int,
+    steps: int,
+    scale: str,
+    ramp_steps: int,
+    ramp_s: float,
+) -> None:
+    """Steps and time of the reference table, at both ends of the move."""
+    made = MoveSettings(rules(accel_scale=scale), SpeedProfile(*profile), speed)
+    motion = straight(0, made, (steps, 0, 0, 0))
+    at_ns = motion.step_time_ns(0, ramp_steps)
+    left_ns = motion.step_time_ns(0, steps - ramp_steps)
+    assert at_ns is not None
+    assert left_ns is not None
+    assert at_ns / S == pytest.approx(ramp_s, abs=0.00005)
+    assert (end(motion) - left_ns) / S == pytest.approx(ramp_s, abs=0.00005)
+
+
+def test_a_short_move_has_the_peak_of_the_ledger() -> None:
+    """500 steps with the default profile: 2449.5 steps/s (MN4-MOT-11)."""
+    gaps = [
+        b - a for a, b in pairwise(times(straight(0, MoveSettings(speed=5000), (500, 0, 0, 0)), 0))
+    ]
+    assert S / min(gaps) == pytest.approx(2449.5, rel=0.002)
+
+
+@given(profiles, st.integers(2, 30_000), displacements, st.permutations(range(4)))
+@settings(max_examples=80)
+def test_more_speed_or_acceleration_never_takes_longer(
+    profile: SpeedProfile, speed: int, displacement: tuple[int, int, int, int], order: list[int]
+) -> None:
+    """And which axes move, and how finely, changes nothing (property P9 of the ledger)."""
+    ended = end(straight(0, MoveSettings(profile=profile, speed=speed), displacement))
+    for faster in (
+        MoveSettings(profile=profile, speed=speed + 100),
+        MoveSettings(profile=replace(profile, acceleration=profile.acceleration + 50), speed=speed),
+    ):
+        assert end(straight(0, faster, displacement)) <= ended + 1
+    first, second, third, fourth = (displacement[axis] for axis in order)
+    made = MoveSettings(profile=profile, speed=speed, multiplex=1 + order[0] % 2)
+    assert end(straight(0, made, (first, second, third, fourth))) == ended
 
 
 @pytest.mark.parametrize(

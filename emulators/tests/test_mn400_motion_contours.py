@@ -7,7 +7,7 @@ from math import inf, sqrt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mn400_motions import S, end, negated, rules
+from mn400_motions import S, end, negated, rules, times
 
 from axistwin.devices.mn400.motion import (
     ContourSegment,
@@ -56,7 +56,7 @@ def whole(speed: int) -> float:
 
 
 def test_the_contour_of_the_manual_is_planned_as_the_ledger_reckons() -> None:
-    """Entry, exit and time of all five segments at margin 50."""
+    """Entry, peak, exit and time of all five segments at margin 50."""
     plan = planned(MoveSettings(), EXAMPLE, 50)
     entries = [1000, 3000, 3000, 3050, 3376.39]
     exits = [3000, 3000, 3000, 3426.39, 1000]
@@ -64,12 +64,14 @@ def test_the_contour_of_the_manual_is_planned_as_the_ledger_reckons() -> None:
     assert [whole(speed) for speed in plan.entries] == pytest.approx(entries, abs=0.005)
     assert [whole(speed) for speed in plan.exits] == pytest.approx(exits, abs=0.005)
     motion = contour(0, MoveSettings(), EXAMPLE, 50)
-    reached, ends = 0, []
+    made = times(motion, 0)
+    reached, ends, peaks = 0, [], []
     for part in EXAMPLE:
+        own = made[reached : reached + part.displacement[0]]
+        peaks.append(S / min(after - before for before, after in pairwise(own)))
         reached += part.displacement[0]
-        at_ns = motion.step_time_ns(0, reached)
-        assert at_ns is not None
-        ends.append(at_ns / S)
+        ends.append(own[-1] / S)
+    assert peaks == pytest.approx([3000, 3000, 3000, 3850, 3376.39], rel=0.002)
     assert [after - before for before, after in pairwise([0, *ends])] == pytest.approx(
         seconds, abs=0.000006
     )
@@ -98,6 +100,12 @@ def test_the_margin_of_20_falls_at_the_third_junction() -> None:
     assert [whole(plan.exits[2]), whole(plan.entries[3])] == pytest.approx([1324, 1344], abs=0.5)
     separate = [straight(0, MoveSettings(speed=part.speed), part.displacement) for part in EXAMPLE]
     assert sum(map(end, separate)) / S == pytest.approx(1.475, abs=0.0005)
+
+
+def test_one_speed_at_a_junction_would_be_slow() -> None:
+    """As the ledger reckons where the third segment meets the fourth (MN4-AMB-31)."""
+    plan = planned(MoveSettings(rules(cc_margin_scope="per_axis_equal")), EXAMPLE, 50)
+    assert [whole(plan.exits[2]), whole(plan.entries[3])] == pytest.approx([1696] * 2, abs=0.5)
 
 
 @pytest.mark.parametrize(
@@ -270,6 +278,15 @@ def test_segments_of_no_length_are_dropped() -> None:
         contour(0, MoveSettings(), EXAMPLE, 50)
     )
     assert contour(3, MoveSettings(), [nothing], 50).end_ns == 3
+
+
+def test_backlash_of_a_contour_is_taken_up_at_the_speed_of_its_first_segment() -> None:
+    """Whatever V was before the bracket, or is at its end (ledger §5.6)."""
+    parts = [ContourSegment((0, 0, 0, 0), 300), ContourSegment((-100, 0, 0, 0), 500)]
+    parts.append(ContourSegment((-100, 0, 0, 0), 1000))
+    made = MoveSettings(speed=1000, lash=(50, 0, 0, 0))
+    plain = end(contour(0, MoveSettings(speed=1000), parts))
+    assert end(contour(0, made, parts)) == plain + 50 * S // 500
 
 
 def test_a_contour_on_pulses_advances_by_them_or_ignores_them() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from program_bench import BAD_OPCODE, RUNNING, ProgramBench
 
-from axistwin.devices.traces import ProgramFailed, ProgramStarted, ProgramStopped
+from axistwin.devices.program_traces import ProgramFailed, ProgramStarted, ProgramStopped
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.macroprogram import (

@@ -1,19 +1,23 @@
 """The front panel in a browser: the axis and its switches, the supply, keyboard, width, token."""
 
+import re
 import shutil
 from collections.abc import Iterator
-from typing import Literal
+from typing import Any, Literal, cast
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 from served_control import TIMEOUT_S, ServedControl
 
+from axistwin.catalog import find_model
 from axistwin.control.panel import HEADERS, read_page
+from axistwin.runtime.line import Line
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 TOKEN = "+/0123456789abcdef=?"
 BOARD = "mn400:1"
+POSITION = b"\x0201400200000000000A2\x03"
 
 pytestmark = [
     pytest.mark.system,
@@ -98,6 +102,31 @@ def test_a_limit_switch_stops_the_axis(page: Page) -> None:
         switch(page, control)
 
 
+def test_a_fault_on_the_wire_is_added_counted_and_removed(
+    page: Page, served: ServedControl
+) -> None:
+    """Two replies are lost: the retries are counted, and stand in the events."""
+    show(page, "mac34-1:5")
+    form = page.get_by_role("form", name="Add a fault")
+    form.get_by_label("Kind").select_option("drop")
+    form.get_by_label("Direction").select_option("to_host")
+    form.get_by_label("Times").fill("2")
+    form.get_by_role("button", name="Add").click()
+    done = page.locator("[data-fault]")
+    expect(done).to_have_text("seen 0, acted 0")
+    line = cast(Line, served.lines[0])
+    for _ in range(3):  # a program that asks again
+        line.exchange(POSITION)
+        line.advance(50_000_000)
+    expect(done).to_contain_text("seen 2, acted 2, over; lost: 06 13")
+    expect(page.locator(".log")).to_contain_text("lost: 06 13")
+    page.get_by_role("button", name="Remove fault").click()
+    expect(done).to_have_count(0)
+    form.get_by_label("Kind").select_option("error_frame")
+    form.get_by_role("button", name="Add").click()
+    expect(page.locator("#problem")).to_contain_text("not for a serial line")
+
+
 def test_the_supply_is_cut_and_restored(page: Page) -> None:
     """By the switch, and by the button that does both; the state tells it."""
     show(page, "mac23:0")
@@ -153,6 +182,115 @@ def test_events_are_paused_and_filtered(page: Page, served: ServedControl) -> No
     expect(entries.first).to_be_hidden()
 
 
+def show_traffic(page: Page, line: str) -> None:
+    """Go to a line by its link."""
+    page.get_by_role("region", name=f"Line of {line}").get_by_role("link", name="Traffic").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text(f"Line of {line}")
+
+
+def say(served: ServedControl, line: str, *texts: str) -> None:
+    """A host says ``texts`` on a line and hears the replies, in no time that matters."""
+    device = next(each for each in served.rack.devices.values() if each.line == line)
+    family = find_model(device.twin.model).family
+    simulation: Any = device.server.simulation
+    for text in texts:
+        before = len(simulation.messages)
+        simulation.send(family.compose(text, device.twin.address))
+        while len(simulation.messages) < before + 2:
+            simulation.receive()
+
+
+def test_traffic_is_shown_filtered_and_searched(page: Page, served: ServedControl) -> None:
+    """In hex and in words, by device; what was said before is there, too."""
+    say(served, BOARD, "E")
+    show_traffic(page, BOARD)
+    rows = page.locator(".traffic .message")
+    expect(rows.filter(has_text="ReadPosition (board 1)")).to_have_count(1)
+    say(served, BOARD, "S", "?")
+    expect(rows.filter(has_text="LimitStatus (board 1)")).to_have_count(1)
+    expect(rows.filter(has_text="81 53 81 55").locator(".whose")).to_have_text("1")
+    expect(page.get_by_role("region", name="Traffic").get_by_role("status")).to_have_text("")
+    page.get_by_label("Direction").select_option("from the host")
+    expect(rows.filter(has_text="START")).to_have_count(0)
+    page.get_by_label("Direction").select_option("both ways")
+    for text in ("8153", "81 53", "limitstatus"):
+        page.get_by_label("Show only").fill(text)
+        expect(rows.filter(has_text="LimitStatus (board 1)")).to_have_count(1)
+        expect(rows.filter(has_text="ReadPosition")).to_have_count(0)
+    page.get_by_label("Show only").fill("")
+    page.get_by_label("Search").fill("readposition")
+    page.get_by_role("button", name="Previous").click()
+    expect(page.locator(".detail")).to_contain_text("ReadPosition: START")
+    page.get_by_role("button", name="Previous").click()
+    expect(page.locator(".detail")).to_contain_text("from the host")
+    expect(page.locator("[aria-selected='true']")).to_have_count(1)
+    page.get_by_role("listbox").press("ArrowDown")
+    expect(page.locator(".detail")).to_contain_text("from a device")
+
+
+def test_a_pause_loses_no_message(page: Page, served: ServedControl) -> None:
+    """What comes is counted, and shown when it is over."""
+    show_traffic(page, "msc-250:1")
+    page.get_by_role("region", name="Traffic").get_by_role("button", name="Pause").click()
+    rows = page.locator(".traffic .message")
+    before = rows.count()
+    say(served, "msc-250:1", "RQSTAT")
+    expect(page.locator("[data-counts]")).to_contain_text(re.compile("paused: [2-9] wait"))
+    expect(rows).to_have_count(before)
+    page.get_by_role("region", name="Traffic").get_by_role("button", name="Pause").click()
+    expect(rows).not_to_have_count(before)
+    expect(page.get_by_text(re.compile("[2-9] messages waited"))).to_have_count(1)
+
+
+def test_of_many_messages_only_those_in_sight_are_elements(page: Page) -> None:
+    """The last ones, until somebody goes elsewhere; the oldest of too many are gone."""
+    show_traffic(page, "mac23:0")
+    expect(page.locator("#connection")).to_have_text("live")
+    page.evaluate(
+        """async () => {
+          const { Monitor } = await import("/panel/monitor.js");
+          const monitor = new Monitor();
+          document.querySelector("#main").replaceChildren(monitor.element);
+          for (let batch = 0; batch < 30; batch++) {
+            const messages = Array.from({ length: 200 }, (_, number) => ({
+              time_ns: (batch * 200 + number) * 1e6, direction: "host", unit: null,
+              hex: "06", text: `message ${batch * 200 + number}`,
+            }));
+            monitor.hear({ messages, dropped: 1 });
+          }
+        }"""
+    )
+    rows = page.locator(".traffic .message")
+    expect(rows.last).to_contain_text("message 5999")
+    assert rows.count() < 50
+    expect(page.locator("[data-counts]")).to_have_text("5000 messages of 5000, 30 dropped")
+    page.get_by_role("listbox").press("Home")
+    expect(page.locator(".detail")).to_contain_text("message 1000")
+
+
+def test_status_bits_are_shown_by_name(page: Page) -> None:
+    """With the requirement behind each, and the queue."""
+    show(page, BOARD)
+    bit = page.get_by_role("region", name="Status").locator("[data-bit='3']")
+    expect(bit).to_have_text("m2 plusMN4-CMD-S-01off")
+    switch(page, "inputs.m2_plus")
+    expect(bit).to_have_text("m2 plusMN4-CMD-S-01on")
+    expect(page.locator("[data-reading='inputs_status']")).to_have_text("8h")
+    expect(page.locator("[data-reading='queued']")).to_have_text("0 commands")
+    switch(page, "inputs.m2_plus")
+
+
+def test_a_field_follows_what_is_set_back_at_once(page: Page, served: ServedControl) -> None:
+    """Though the value is what it was, whenever somebody looks."""
+    show(page, "mac23:0")
+    field = page.get_by_label("Temperature celsius", exact=True)
+    expect(field).to_have_value("25")
+    expect(page.locator("#connection")).to_have_text("live")
+    field.evaluate("field => (field.value = '60')")  # as after a set that others undid
+    served.ask("PUT", "devices/mac23:0/controls/temperature_celsius", {"value": 25})
+    expect(field).to_have_value("25")
+
+
 def test_the_keyboard_alone_is_enough(page: Page) -> None:
     """To a device, to its first switch, and there and back."""
     expect(page.locator(".card")).to_have_count(4)
@@ -170,16 +308,21 @@ def test_the_keyboard_alone_is_enough(page: Page) -> None:
         expect(reference).to_have_attribute("aria-checked", checked)
 
 
-@pytest.mark.parametrize("device", ["", "mac23:0", "msc-250:1", BOARD])
+@pytest.mark.parametrize("device", ["", "mac23:0", "msc-250:1", BOARD, f"line of {BOARD}"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_phone_shows_it_all_and_axe_finds_nothing(
-    page: Page, device: str, scheme: Literal["light", "dark"]
+    page: Page, served: ServedControl, device: str, scheme: Literal["light", "dark"]
 ) -> None:
     """At 390 pixels nothing is scrolled sideways; names, roles and contrast are right."""
     page.emulate_media(color_scheme=scheme)
     page.set_viewport_size({"width": 390, "height": 844})
     expect(page.locator(".card")).to_have_count(4)
-    if device:
+    if device.startswith("line"):
+        say(served, BOARD, "E")
+        show_traffic(page, BOARD)
+        page.locator(".traffic .message").last.click()
+        expect(page.locator(".detail")).not_to_be_empty()
+    elif device:
         show(page, device)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     found = Axe().run(page)

@@ -20,7 +20,10 @@ pytestmark = pytest.mark.system
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs" / "pictures"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PLOT_PAGE = (ROOT / "docs" / "how-to" / "drive-a-contour.md").read_text(encoding="utf-8")
+PAGES = "".join(
+    (ROOT / "docs" / "how-to" / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("drive-a-contour", "use-the-panel")
+)
 
 BLOCKS = re.findall(r"```console\n(.*?)```", README, re.DOTALL)
 LINES = [line for block in BLOCKS for line in re.findall(r"^\$ (.*)$", block, re.MULTILINE)]
@@ -98,9 +101,9 @@ def test_judging_is_planned_as_printed(words: list[str], folder: Path) -> None:
 
 
 def test_every_picture_is_shown_and_there() -> None:
-    """The front page and the page on contours have no other."""
+    """The front page and the pages on contours and on the panel have no other."""
     shown = set(re.findall(r"!\[[^\]]+\]\(docs/pictures/([\w.-]+)\)", README))
-    shown |= set(re.findall(r"!\[[^\]]+\]\(../pictures/([\w.-]+)\)", PLOT_PAGE))
+    shown |= set(re.findall(r"!\[[^\]]+\]\(../pictures/([\w.-]+)\)", PAGES))
     assert shown == {path.name for path in PICTURES.glob("*.[ps][nv]g")}
     assert (PICTURES / "failing-page.png").stat().st_size < 200_000
 

@@ -40,7 +40,7 @@ def test_late_bursts_are_those_of_a_transcript_that_reports_each_at_once(
     """When pieces are joined makes no difference, nor does what is forgotten before that."""
     late, prompt = Transcript(limit), Transcript(limit)
     reported: list[Burst] = []
-    prompt.on_burst = reported.append
+    prompt.subscribe(reported.append)
     now = 0
     for gap_ns, direction, data, action in script:
         now += gap_ns
@@ -79,7 +79,7 @@ def test_who_records_may_be_more_patient() -> None:
     for pause_ns, expected in ((5 * NS_PER_MS, [b"a", b"b"]), (50 * NS_PER_MS, [b"ab"])):
         transcript = Transcript(pause_ns=pause_ns)
         reported: list[Burst] = []
-        transcript.on_burst = reported.append
+        transcript.subscribe(reported.append)
         transcript.add(0, "device", b"a")
         transcript.add(20 * NS_PER_MS, "device", b"b")
         assert [burst.data for burst in reported] == expected[:-1]

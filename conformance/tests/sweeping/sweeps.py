@@ -15,7 +15,7 @@ from sweeping.readings import drawn, misread, singles, unread
 from sweeping.runs import TRAVEL, Row, Setting, judge
 from sweeping.wrong_device import Tally, planted
 
-MODELS: Final = tuple(FORMATS)
+MODELS: Final = (*FORMATS, "mn400")  # faults are drawn for those with a format
 JUDGED_PART = 0.95  # of what is judged of the default twin
 
 

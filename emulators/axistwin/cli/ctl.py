@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import click
 
-from axistwin.cli.extras import needed
+from axistwin.cli.event_lines import EventLines, missing_for_watching, shown
+from axistwin.cli.wire_faults import FAULT_ACTIONS, FAULTS, LINE, work_line
 from axistwin.control.client import ControlClient
 from axistwin.control.token import TOKEN_VARIABLE, find_token
 from axistwin.errors import AxistwinError, UsageError, nearest
+from axistwin.wire.wire_fault import FAULT_FIELDS, FAULT_TYPES
 
 ADDRESS: Final = "127.0.0.1:8080"
 ON: Final = ("on", "true", "yes", "1")
@@ -21,14 +23,38 @@ POWER_WORDS: Final = ("on", "off", "cycle")
 WATCH: Final = "watch"
 
 
-def _complete(
+CommandT = TypeVar("CommandT", bound=Callable[..., Any])
+
+
+def daemon_options(command: CommandT) -> CommandT:
+    """Where the daemon is, and its token."""
+    for option in (
+        click.option(
+            "--control-token-file",
+            "token_file",
+            metavar="FILE",
+            help=f"The daemon's token, if it wants one (default: ${TOKEN_VARIABLE}).",
+        ),
+        click.option(
+            "--control",
+            "control_address",
+            metavar="HOST:PORT",
+            envvar="AXISTWIN_CONTROL",
+            help=f"Where the daemon's control API is (default: $AXISTWIN_CONTROL, or {ADDRESS}).",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def complete_by(
     find: Callable[[ControlClient, dict[str, Any]], list[str]],
 ) -> Callable[[click.Context, click.Parameter, str], list[str]]:
     """Completes by what the daemon answers; by nothing if it does not."""
 
     def complete(context: click.Context, _: click.Parameter, begun: str) -> list[str]:
         try:
-            client = _client(context.params.get("control_address"), None)
+            client = make_client(context.params.get("control_address"), None)
             return [name for name in find(client, context.params) if name.startswith(begun)]
         except AxistwinError:
             return []
@@ -36,16 +62,25 @@ def _complete(
     return complete
 
 
-def _device_names(client: ControlClient, _: dict[str, Any]) -> list[str]:
+def device_names(client: ControlClient, _: dict[str, Any]) -> list[str]:
+    """What the daemon's devices are called."""
     return [each["name"] for each in client.get("devices")["devices"]]
 
 
+def _first_words(client: ControlClient, given: dict[str, Any]) -> list[str]:
+    return [*device_names(client, given), LINE]
+
+
 def _control_names(client: ControlClient, given: dict[str, Any]) -> list[str]:
+    if given["device"] == LINE:
+        return [FAULTS, *(each["name"] for each in client.get("lines")["lines"])]
     controls = client.get("devices", given["device"], "controls")["controls"]
     return [*(each["name"] for each in controls), WATCH]
 
 
 def _values(client: ControlClient, given: dict[str, Any]) -> list[str]:
+    if given["device"] == LINE:
+        return [*FAULT_ACTIONS, *FAULT_TYPES, *(f"{name}=" for name in FAULT_FIELDS[1:])]
     if given["control"] == "power":
         return list(POWER_WORDS)
     if given["control"] == WATCH:
@@ -55,22 +90,10 @@ def _values(client: ControlClient, given: dict[str, Any]) -> list[str]:
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("device", required=False, shell_complete=_complete(_device_names))
-@click.argument("control", required=False, shell_complete=_complete(_control_names))
-@click.argument("values", metavar="[VALUE]", nargs=-1, shell_complete=_complete(_values))
-@click.option(
-    "--control",
-    "control_address",
-    metavar="HOST:PORT",
-    envvar="AXISTWIN_CONTROL",
-    help=f"Where the daemon's control API is (default: $AXISTWIN_CONTROL, or {ADDRESS}).",
-)
-@click.option(
-    "--control-token-file",
-    "token_file",
-    metavar="FILE",
-    help=f"The daemon's token, if it wants one (default: ${TOKEN_VARIABLE}).",
-)
+@click.argument("device", required=False, shell_complete=complete_by(_first_words))
+@click.argument("control", required=False, shell_complete=complete_by(_control_names))
+@click.argument("values", metavar="[VALUE]", nargs=-1, shell_complete=complete_by(_values))
+@daemon_options
 @click.option("--json", "as_json", is_flag=True, help="Answers and events as JSON.")
 def ctl(
     device: str | None,
@@ -90,6 +113,9 @@ def ctl(
     axistwin ctl mac23:0 push -25                a number may be negative
     axistwin ctl mac23:0 power cycle 0.5         off for half a second; on, off
     axistwin ctl mac23:0 watch position          lines as it changes, until Ctrl-C
+    axistwin ctl line faults                     of the wire, with what they did
+    axistwin ctl line faults add drop direction=to_host    lose the next reply
+    axistwin ctl line NAME faults remove 1       of the line called so; or all
 
     The daemon is 'axistwin run MODEL --control HOST:PORT'.  What is set is set at once, and holds
     when the command returns.
@@ -97,8 +123,10 @@ def ctl(
     for word in (device or "", control or "", *values):
         if word.startswith("-") and not word[1:2].isdigit():
             raise UsageError(f"no option {word}; see 'axistwin ctl --help'")
-    client = _client(control_address, token_file)
-    if device is None:
+    client = make_client(control_address, token_file)
+    if device == LINE:
+        work_line(client, tuple(word for word in (control, *values) if word), as_json)
+    elif device is None:
         _show_devices(client, as_json)
     elif control is None:
         _show_controls(client, device, as_json)
@@ -110,7 +138,8 @@ def ctl(
         _work(client, device, control, values, as_json)
 
 
-def _client(address: str | None, token_file: str | None) -> ControlClient:
+def make_client(address: str | None, token_file: str | None) -> ControlClient:
+    """Asks the daemon that the options name.  Raises UsageError."""
     return ControlClient(address or ADDRESS, find_token(token_file, os.environ))
 
 
@@ -131,14 +160,14 @@ def _show_controls(client: ControlClient, device: str, as_json: bool) -> None:
         if as_json:
             click.echo(json.dumps(info))
             continue
-        shown = _shown(info["value"]) if info["readable"] else ""
+        value = shown(info["value"]) if info["readable"] else ""
         if isinstance(info["value"], dict | list):
-            shown = f"({len(info['value'])})"
+            value = f"({len(info['value'])})"
         name = info["name"]
         if info["numbers"] is not None:
-            name, shown = f"{name}.N", "N: {first}..{last}".format(**info["numbers"])
+            name, value = f"{name}.N", "N: {first}..{last}".format(**info["numbers"])
         sign = " " if info["writable"] else "!"
-        click.echo(f"{sign} {name:<24} {shown:<20} {_takes(info)}".rstrip())
+        click.echo(f"{sign} {name:<24} {value:<20} {_takes(info)}".rstrip())
     if not as_json:
         click.echo("! can only be read")
 
@@ -177,7 +206,7 @@ def _work(
     if not values and info["kind"] != "nothing":
         if not info["readable"]:
             raise UsageError(f"{control} is only worked, not read; give a value, {_wanted(info)}")
-        click.echo(json.dumps(info) if as_json else _shown(info["value"]))
+        click.echo(json.dumps(info) if as_json else shown(info["value"]))
         return
     value = _parsed(info, values[0]) if values else None
     done = client.put("devices", device, "controls", control, value=value)
@@ -212,15 +241,6 @@ def _wanted(info: dict[str, Any]) -> str:
     )
 
 
-def _shown(value: Any) -> str:
-    """A value as a script reads it."""
-    if isinstance(value, bool):
-        return "on" if value else "off"
-    if isinstance(value, float):
-        return f"{value:g}"
-    return value if isinstance(value, str) else json.dumps(value)
-
-
 def _watch(client: ControlClient, device: str, names: tuple[str, ...], as_json: bool) -> None:
     """Lines as things change, until somebody ends it."""
     known = client.get("devices", device, "state")["values"]
@@ -228,24 +248,9 @@ def _watch(client: ControlClient, device: str, names: tuple[str, ...], as_json: 
         if name not in known:
             raise UsageError(f"{device} shows no {name!r}: {nearest(name, known)}")
     try:
+        event_lines = EventLines(names)
         for event in client.watch(device):
-            for line in [json.dumps(event)] if as_json else _lines(event, names):
+            for line in [json.dumps(event)] if as_json else event_lines.lines(event):
                 click.echo(line)
     except ImportError as error:
-        raise UsageError(
-            f"watch: {error.name} is missing; install what it needs: "
-            f"pip install {needed(error.name)}"
-        ) from None
-
-
-def _lines(event: dict[str, Any], names: tuple[str, ...]) -> list[str]:
-    """What people are told of an event."""
-    if event["event"] == "line":
-        return [] if names else [f"{'':>12} {event['line']}: {event['kind']}"]
-    head = f"{event['time_ns'] / 1e9:12.3f} {event['device']}"
-    if event["event"] == "told":
-        return [] if names else [f"{head} {event['text']}"]
-    values = event["values"].items()
-    return [
-        f"{head} {name} {_shown(value)}" for name, value in values if name in (names or (name,))
-    ]
+        raise missing_for_watching(error) from None

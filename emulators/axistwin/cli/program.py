@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import importlib
 import sys
-import traceback
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -42,6 +41,10 @@ _OWN = {
     "ctl": (
         "axistwin.cli.ctl",
         "Work inputs, supply, power and faults of a running daemon.",
+    ),
+    "watch": (
+        "axistwin.cli.watch.command",
+        "Show in a terminal what the devices of a running daemon do.",
     ),
     "send": (
         "axistwin.cli.send",
@@ -133,6 +136,8 @@ class _Program(click.Group):
                 discard_stdout()
                 _complain(f"standard output cannot be written ({reason}); choose another place")
                 sys.exit(EXIT_USAGE)
+            import traceback
+
             traceback.print_exc()
             _complain("this is a bug of axistwin's; the lines above say where")
             sys.exit(EXIT_BUG)
@@ -191,6 +196,7 @@ def main() -> None:
     axistwin run mac23-can             a MAC23 on vcan0, or an slcan adapter
     axistwin rack bench.toml           many lines and buses, one process
     axistwin ctl mac23 power cycle     work a run that has --control
+    axistwin watch mac23               follow it in a terminal
     axistwin send ./mac23 'go to 125'  one command in words, and the reply
     axistwin decode mac23 capture.txt  recorded bytes in words
     axistwin plot mn400 M500,300       the motion of a command as a picture

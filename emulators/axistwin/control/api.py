@@ -17,6 +17,7 @@ from axistwin.control import metrics
 from axistwin.control.guard import SUBPROTOCOL, RefusedError, problem
 from axistwin.control.models import (
     AxesInfo,
+    BitInfo,
     ControlDone,
     ControlInfo,
     ControlList,
@@ -24,7 +25,12 @@ from axistwin.control.models import (
     ControlReading,
     DeviceInfo,
     DeviceList,
+    Direction,
     EndpointInfo,
+    FaultInfo,
+    FaultList,
+    FaultNumber,
+    FaultOrder,
     LineInfo,
     LineList,
     Numbers,
@@ -32,7 +38,9 @@ from axistwin.control.models import (
     PowerOrder,
     Problem,
     StateInfo,
+    TrafficList,
 )
+from axistwin.control.traffic import TrafficWords, select
 from axistwin.control.watching import WATCHERS_MAX, Watching
 from axistwin.devices.controls import AxisReadout
 from axistwin.errors import UnknownNameError, UsageError
@@ -40,6 +48,7 @@ from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.control_access import BoundControl
 from axistwin.runtime.serving.live import Live
 from axistwin.runtime.serving.rack import AnyServer, Rack, RackDevice
+from axistwin.wire.faults import FaultReport
 
 ANSWER_S: Final = 10.0
 """How long the loop may take; it is busy for much less."""
@@ -50,7 +59,7 @@ PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
         (400, "The body cannot be read."),
         (401, "The token is missing, or wrong."),
         (403, "Host or Origin is not this server's."),
-        (404, "No device or control is called so; the message has the nearest name."),
+        (404, "Nothing is called so; the message has the nearest name."),
         (408, "The body did not come in time."),
         (413, "The body is too long."),
         (422, "The value is not allowed; the message says what is."),
@@ -62,6 +71,7 @@ PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
 ResultT = TypeVar("ResultT")
 
 DeviceName = Annotated[str, Path(description="its name, MODEL:ADDRESS, or its model alone")]
+LineName = Annotated[str, Path(description="its name, or that of a device on it")]
 ControlName = Annotated[str, Path(description="such as inputs.reference, or flags.200")]
 
 
@@ -85,6 +95,7 @@ class Api:
         device, control = "/devices/{device}", "/devices/{device}/controls/{control}"
         get, put, post = router.get, router.put, router.post
         get("/lines", summary="All lines and buses")(self.lines)
+        get("/lines/{line}/traffic", summary="What went over a line lately")(self.traffic)
         get("/devices", summary="All devices")(self.devices)
         get(device, summary="One device")(self.device)
         get(f"{device}/state", summary="All that can be seen of it, at one instant")(self.state)
@@ -92,6 +103,11 @@ class Api:
         get(control, summary="One control, as it is now")(self.read)
         put(control, summary="Set a control, or work an action")(self.work)
         post(f"{device}/power", summary="Switch its supply")(self.power)
+        faults = "/lines/{line}/faults"
+        get(faults, summary="Faults of its wire")(self.faults)
+        post(faults, summary="Add a fault", status_code=201)(self.add_fault)
+        router.delete(faults, summary="Remove all faults")(self.remove_faults)
+        router.delete(f"{faults}/{{number}}", summary="Remove a fault")(self.remove_fault)
         router.add_api_websocket_route("/events", self.events)
         return router
 
@@ -108,6 +124,29 @@ class Api:
             endpoints=[EndpointInfo(kind=port.kind, url=port.url) for port in server.ports],
             failure=None if server.failure is None else str(server.failure),
         )
+
+    async def traffic(
+        self,
+        line: LineName,
+        last: Annotated[int, Query(ge=1, le=1000, description="how many at most")] = 200,
+        text: Annotated[str, Query(description="only with this in its words")] = "",
+        hexes: Annotated[str, Query(alias="hex", description="only with these bytes")] = "",
+        direction: Annotated[Direction | None, Query(description="only from there")] = None,
+    ) -> TrafficList:
+        """Of those that the line keeps: the last 200 bursts, or 1000 frames."""
+        server = self._find_line(line)
+        chosen = select(
+            TrafficWords(server),
+            server.simulation.messages,
+            last=last,
+            text=text,
+            hexes=hexes,
+            direction=direction,
+        )
+        return TrafficList(line=line, messages=chosen)
+
+    def _find_line(self, name: str) -> AnyServer:
+        return self._rack.lines[self._rack.find_line(name)]
 
     async def devices(self) -> DeviceList:
         """Those of lines that are served."""
@@ -167,8 +206,8 @@ class Api:
                 raise
             except UsageError as error:
                 raise NotAllowedError(str(error), bound) from None
-            self._live.touch(found)
             value = bound.value if bound.is_readable else None
+            self._live.control_set(found, time_ns, bound.name, value)
             return ControlDone(device=found.name, control=bound.name, time_ns=time_ns, value=value)
 
         return await self._do(device, work)
@@ -193,22 +232,61 @@ class Api:
     def _cut(self, found: RackDevice, off_s: float) -> tuple[str, int, float]:
         """Name, when the supply was cut, and seconds until ``off_s`` of its line have passed."""
         time_ns = found.twin.controls["power"].set(False)
-        self._live.touch(found)
+        self._live.control_set(found, time_ns, "power", value=False)
         clock = found.server.simulation.clock
         return found.name, time_ns, clock.delay_s(time_ns + round(off_s * NS_PER_S))
 
     def _apply(self, found: RackDevice) -> tuple[str, int]:
-        self._live.touch(found)
-        return found.name, found.twin.controls["power"].set(True)
+        time_ns = found.twin.controls["power"].set(True)
+        self._live.control_set(found, time_ns, "power", value=True)
+        return found.name, time_ns
+
+    # -- what goes wrong on the wire --
+
+    async def faults(self, line: LineName) -> FaultList:
+        """With what each has done so far."""
+        return await self._on_line(line, _fault_list)
+
+    async def add_fault(self, line: LineName, order: Annotated[FaultOrder, Body()]) -> FaultInfo:
+        """It acts from now on."""
+
+        def add(found: RackDevice) -> FaultInfo:
+            faults = found.server.simulation.faults
+            return _fault_info(found, faults[faults.add(**order.model_dump())])
+
+        return await self._on_line(line, add)
+
+    async def remove_faults(self, line: LineName) -> FaultList:
+        """With what each has done."""
+
+        def remove(found: RackDevice) -> FaultList:
+            removed = _fault_list(found)
+            found.server.simulation.faults.clear()
+            return removed
+
+        return await self._on_line(line, remove)
+
+    async def remove_fault(self, line: LineName, number: FaultNumber) -> FaultInfo:
+        """With what it has done; what it is doing ends."""
+        return await self._on_line(
+            line, lambda found: _fault_info(found, found.server.simulation.faults.remove(number))
+        )
 
     # -- looking on --
 
     async def events(
-        self, client: WebSocket, device: Annotated[list[str] | None, Query()] = None
+        self,
+        client: WebSocket,
+        device: Annotated[list[str] | None, Query()] = None,
+        traffic: Annotated[list[str] | None, Query()] = None,
     ) -> None:
-        """What happens to the devices (``?device=NAME``, repeatable; all without)."""
+        """What happens to the devices, and what goes over lines.
+
+        ``?device=NAME`` and ``?traffic=LINE``, both repeatable; all devices without either.
+        """
         try:
             names = [await self._do(each, lambda found: found.name) for each in device or ()]
+            words = {each: TrafficWords(self._find_line(each)) for each in traffic or ()}
         except UsageError as error:
             await client.send_denial_response(JSONResponse(problem(404, str(error)), 404))
             return
@@ -220,8 +298,8 @@ class Api:
         try:
             offered = client.scope["subprotocols"]
             await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
-            devices = names or list(self._rack.devices)
-            await Watching(self._rack, self._live, self._counts, client, devices).run()
+            devices = names if names or words else list(self._rack.devices)
+            await Watching(self._rack, self._live, self._counts, client, devices, words).run()
         finally:
             self._counts.watchers -= 1
 
@@ -233,10 +311,17 @@ class Api:
             )
         )
         failures = {name: each.failure is not None for name, each in self._rack.lines.items()}
-        text = metrics.render(dict(values), failures, self._counts)
+        acted = await self._wait(
+            self._rack.do_all(lambda found: (found.line, found.server.simulation.faults.acted))
+        )
+        text = metrics.render(dict(values), failures, dict(acted), self._counts)
         return Response(text, media_type=metrics.CONTENT_TYPE)
 
     # -- in the rack's loop --
+
+    async def _on_line(self, line: str, action: Callable[[RackDevice], ResultT]) -> ResultT:
+        """Have ``action`` done to the first device on ``line``."""
+        return await self._do(self._rack.on_line(self._rack.find_line(line))[0].name, action)
 
     async def _do(self, device: str, action: Callable[[RackDevice], ResultT]) -> ResultT:
         return await self._wait(self._rack.do(device, action))
@@ -266,6 +351,24 @@ def _axes_info(axes: AxisReadout) -> AxesInfo:
     return AxesInfo(names=list(axes.names), unit=axes.unit, position=axes.position, rate=axes.rate)
 
 
+def _fault_info(found: RackDevice, report: FaultReport) -> FaultInfo:
+    return FaultInfo(
+        **report.fault.selection(),
+        number=report.number,
+        line=found.line,
+        seen=report.seen,
+        acted=report.acted,
+        over=report.is_over,
+        last_ns=report.last_ns,
+        last=report.last,
+    )
+
+
+def _fault_list(found: RackDevice) -> FaultList:
+    reports = found.server.simulation.faults
+    return FaultList(line=found.line, faults=[_fault_info(found, each) for each in reports])
+
+
 def _find(found: RackDevice, name: str) -> BoundControl:
     """The control called ``name``; none that takes a program, which the network does not give."""
     try:
@@ -292,6 +395,8 @@ def _control_info(bound: BoundControl, value: Any) -> ControlInfo:
         high=bound.high,
         choices=list(bound.choices),
         numbers=_numbers(bound),
+        bits=[BitInfo(bit=n, name=name, requirement=law) for n, name, law in bound.bits],
+        queue=bound.is_queue,
         readable=bound.is_readable,
         writable=bound.is_writable,
         value=value,

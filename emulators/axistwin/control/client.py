@@ -38,6 +38,10 @@ class ControlClient:
         """Have something done.  Raises UsageError and PortError."""
         return self._ask("POST", path, body)
 
+    def delete(self, *path: str) -> Any:
+        """Take away what is there.  Raises UsageError and PortError."""
+        return self._ask("DELETE", path)
+
     def _ask(self, method: str, path: Sequence[str], body: dict[str, object] | None = None) -> Any:
         headers = dict(self._headers)
         if body is not None:
@@ -58,15 +62,15 @@ class ControlClient:
             raise UsageError(str(answer["message"]))
         return answer
 
-    def watch(self, device: str) -> Iterator[dict[str, Any]]:
-        """What happens to ``device``, from now on: the events, a snapshot first.
+    def watch(self, *devices: str) -> Iterator[dict[str, Any]]:
+        """What happens to ``devices`` (none named: all), from now on: snapshots first, then events.
 
         Raises UsageError, and PortError when the daemon ends.
         """
         from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
         from websockets.sync.client import connect
 
-        query = urlencode({"device": device})
+        query = urlencode({"device": devices}, doseq=True)
         url = f"ws://{self.address}/api/v1/events?{query}"
         try:
             with connect(

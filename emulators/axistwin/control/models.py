@@ -5,6 +5,16 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field
 
 from axistwin.devices.controls import Kind
+from axistwin.wire.wire_fault import (
+    COUNT_MAX,
+    DURATION_MS_MAX,
+    DURATION_MS_MIN,
+    PER_S_MAX,
+    PER_S_MIN,
+    TEXT_MAX,
+    FaultDirection,
+    FaultKind,
+)
 
 OFF_MAX_S = 20.0
 
@@ -12,6 +22,9 @@ Value: TypeAlias = bool | int | float | str | None
 """What a control is set to."""
 
 Nanoseconds = Annotated[int, Field(description="time of the device's line, in nanoseconds")]
+Direction: TypeAlias = Literal["host", "device"]
+"""Who sent a message."""
+
 DeviceName = Annotated[str, Field(description="name of the device, such as mac23:0")]
 
 
@@ -77,6 +90,14 @@ class Numbers(Described):
     last: int
 
 
+class BitInfo(Described):
+    """One bit of a number."""
+
+    bit: int = Field(description="0 for the lowest")
+    name: str = Field(description="what it is called")
+    requirement: str = Field(description="the requirement that tells of it, such as MACS-Q-21-01")
+
+
 class ControlInfo(Described):
     """One thing that can be worked or seen of a device."""
 
@@ -88,6 +109,8 @@ class ControlInfo(Described):
     high: float | None = Field(description="largest number")
     choices: list[str] = Field(description="allowed values of a choice")
     numbers: Numbers | None = Field(description="keys, of a control that stands for many values")
+    bits: list[BitInfo] = Field(description="what the bits of a number mean; empty: they have none")
+    queue: bool = Field(description="whether it tells how many commands wait")
     readable: bool = Field(description="whether it has a value")
     writable: bool = Field(description="whether it can be set")
     value: Any = Field(description="as it is now; null if it cannot be read, or has numbers")
@@ -151,6 +174,70 @@ class StateInfo(Described):
     device: DeviceName
     time_ns: Nanoseconds
     values: dict[str, Any] = Field(description="values by the names of controls")
+
+
+class TrafficMessage(Described):
+    """What went over a line or bus in one piece: bytes without a pause, or a frame."""
+
+    time_ns: Nanoseconds
+    direction: Direction = Field(description="who sent it: a host, or a device")
+    hex: str = Field(description="its bytes, or the frame as candump writes it: 601#4000")
+    text: str = Field(description="what it says; empty if nobody knows")
+    unit: int | None = Field(description="address of the first device named in it; null: none is")
+
+
+class TrafficList(Described):
+    """The last messages of a line, oldest first."""
+
+    line: str
+    messages: list[TrafficMessage]
+
+
+FaultNumber = Annotated[int, Field(ge=1, description="its number, from 1; never used again")]
+
+
+class FaultOrder(Described):
+    """A fault of the wire: what goes wrong, how often, and with which messages."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+    kind: FaultKind = Field(description="what goes wrong; not every wire can have every one")
+    direction: FaultDirection | None = Field(None, description="where the message goes; null: both")
+    message: str = Field(
+        "", max_length=TEXT_MAX, description="words of its meaning, as a transcript shows it"
+    )
+    hex: str = Field(
+        "", max_length=TEXT_MAX, description="bytes in it, '..' for any; '581#' for an identifier"
+    )
+    count: int | None = Field(
+        None, ge=1, le=COUNT_MAX, description="how many times; null: once, or without end by rate"
+    )
+    chance: float | None = Field(None, ge=0.0, le=1.0, description="rate: of each message")
+    per_s: float | None = Field(
+        None, ge=PER_S_MIN, le=PER_S_MAX, description="rate: times a second, by itself"
+    )
+    duration_ms: float | None = Field(
+        None, ge=DURATION_MS_MIN, le=DURATION_MS_MAX, description="how long, of kinds that last"
+    )
+
+
+class FaultInfo(FaultOrder):
+    """A fault of the wire, with what it has done so far."""
+
+    number: FaultNumber
+    line: str = Field(description="name of its line")
+    seen: int = Field(description="messages that it could have acted on")
+    acted: int = Field(description="how many times it did something")
+    over: bool = Field(description="whether it has acted as often as it may")
+    last_ns: Nanoseconds | None = Field(description="when it acted last; null: never")
+    last: str = Field(description="what it did then")
+
+
+class FaultList(Described):
+    """Faults of a wire."""
+
+    line: str
+    faults: list[FaultInfo]
 
 
 class Allowed(Described):

@@ -6,23 +6,30 @@ Rules
    of each device first, changes then.
 2. At most ``QUEUE_MAX`` changes wait for a client.  One that reads slower is dropped with the code
    ``TOO_SLOW``; it may come again, and begins with a snapshot.
+   Messages of a line are no reason for that: of what does not fit ``TRAFFIC_MAX`` they are left
+   out and counted.
 3. A client tells nothing here: what it sends ends it, with the code ``NOT_EXPECTED``.
 """
 
 import asyncio
 import contextlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Final
 
 from starlette.websockets import WebSocket
 
 from axistwin.control.metrics import Counts
+from axistwin.control.traffic import TrafficWords
 from axistwin.runtime.serving.live import Live, RackEvent
 from axistwin.runtime.serving.rack import Rack
+from axistwin.runtime.serving.traffic import LineTraffic
 
 QUEUE_MAX: Final = 512
+TRAFFIC_MAX: Final = 64
+"""Of the texts that wait for a client; as long as more do, messages are left out."""
+
 WATCHERS_MAX: Final = 64
 TOO_SLOW: Final = 4001
 NOT_EXPECTED: Final = 1003
@@ -34,14 +41,22 @@ def as_text(event: RackEvent) -> str:
 
 
 class Watching:
-    """One client of the WebSocket ``client``, who watches ``devices``."""
+    """One client of the WebSocket ``client``, who watches ``devices``, and the ``lines``."""
 
     def __init__(
-        self, rack: Rack, live: Live, counts: Counts, client: WebSocket, devices: Sequence[str]
+        self,
+        rack: Rack,
+        live: Live,
+        counts: Counts,
+        client: WebSocket,
+        devices: Sequence[str],
+        lines: Mapping[str, TrafficWords],
     ) -> None:
         self._rack, self._live, self._counts = rack, live, counts
         self._client = client
         self._devices = devices
+        self._lines = lines
+        self._left_out = dict.fromkeys(lines, 0)
         self._loop = asyncio.get_running_loop()
         self._waiting: asyncio.Queue[str] = asyncio.Queue()
         self._room = QUEUE_MAX + len(devices)  # for their snapshots
@@ -71,15 +86,17 @@ class Watching:
     # -- in the rack's loop --
 
     def _join(self) -> None:
-        self._leave = self._live.watch(self._devices, self._hear)
+        self._leave = self._live.watch(self._devices, self._hear, self._lines)
 
     def _part(self) -> None:
         self._leave()
 
     def _hear(self, event: RackEvent) -> None:
-        text = as_text(event)
         with contextlib.suppress(RuntimeError):  # the server's loop has ended
-            self._loop.call_soon_threadsafe(self._put, text)
+            if isinstance(event, LineTraffic):
+                self._loop.call_soon_threadsafe(self._put_traffic, event)
+            else:
+                self._loop.call_soon_threadsafe(self._put, as_text(event))
 
     # -- in the server's --
 
@@ -88,6 +105,21 @@ class Watching:
             self._waiting.put_nowait(text)
         else:
             self._is_too_slow.set()
+
+    def _put_traffic(self, event: LineTraffic) -> None:
+        """Explained here: the loop of the lines has better things to do."""
+        dropped = self._left_out[event.line] + event.dropped
+        if self._waiting.qsize() >= TRAFFIC_MAX:
+            self._left_out[event.line] = dropped + len(event.messages)
+            return
+        self._left_out[event.line] = 0
+        describe = self._lines[event.line].describe
+        messages = [describe(each).model_dump() for each in event.messages]
+        self._put(
+            json.dumps(
+                {"event": "traffic", "line": event.line, "messages": messages, "dropped": dropped}
+            )
+        )
 
     async def _send(self) -> None:
         while True:

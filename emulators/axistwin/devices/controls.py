@@ -13,7 +13,7 @@ Rules
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 from axistwin.errors import UsageError, nearest
 
@@ -30,6 +30,14 @@ KEYS_SHOWN_MAX: Final = 32
 """Of a control with more keys nobody shows all values together."""
 
 
+class Bit(NamedTuple):
+    """What bit ``number`` (0 is the lowest) of a number is called, and the requirement behind."""
+
+    number: int
+    name: str
+    requirement: str
+
+
 @dataclass(frozen=True, slots=True)
 class Control:
     """One thing that can be worked or seen.
@@ -37,7 +45,9 @@ class Control:
     field: what its device's snapshot calls it.  read: or else the method of the device that gives
     it, called with the time and the key, if it has keys.  write: the method that works it, called
     with the time, the key and the value.  scale: the device's units in one of ours.
-    unit, low, high: of a number.  choices: of a choice.  keys: texts or numbers (rule 2).
+    unit, low, high: of a number.  bits: of a whole number that has some.  is_queue: it tells how
+    many commands wait.
+    choices: of a choice.  keys: texts or numbers (rule 2).
     names: the snapshot's field that has numbers by name.  noun: what messages call it, the name
     unless given.  record, members: the class of a record and what it consists of.
     is_live: whoever looks on is told when it changes; else it is only looked up.
@@ -55,6 +65,8 @@ class Control:
     unit: str = ""
     low: float | None = None
     high: float | None = None
+    bits: tuple[Bit, ...] = ()
+    is_queue: bool = False
     choices: tuple[str, ...] = ()
     keys: tuple[str, ...] | range | None = None
     names: str = ""
@@ -159,8 +171,7 @@ class ControlTable:
         return [control.python_name for control in self.controls if control.python_name]
 
 
-@dataclass(frozen=True, slots=True)
-class AxisReadout:
+class AxisReadout(NamedTuple):
     """How the motion of a device is followed, to be plotted.
 
     names: of its axes.  unit: of positions.  position, rate: the controls that have them (rate per

@@ -57,6 +57,9 @@ class Family(ABC):
     carrier: ClassVar[Carrier] = "serial"
     """Whether ``make`` gives a ``SerialDevice`` or a ``CanDevice``."""
 
+    unit_named: ClassVar[str] = r"\bunit (\d+)"
+    """Finds, as group 1, the address of a unit in what ``explain`` says."""
+
     usb: ClassVar[UsbIdentity | None] = None
     """Given if what ``make`` gives is a ``UsbDevice`` too."""
 

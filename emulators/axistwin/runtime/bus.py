@@ -19,6 +19,7 @@ from axistwin.runtime.can_network import Arrival, CanNetwork, ErrorReport
 from axistwin.runtime.clock import Clock
 from axistwin.runtime.simulation import Simulation, Station, earliest
 from axistwin.runtime.storage import Stores
+from axistwin.runtime.transcript import Message, MessageSubscriber
 from axistwin.wire.can_bus import ControllerState
 from axistwin.wire.can_frame import CanFrame
 
@@ -217,6 +218,20 @@ class Bus(Simulation[CanNetwork]):
         """
         return self._added(self._frame_subscribers, subscriber)
 
+    def subscribe_messages(self, subscriber: MessageSubscriber) -> Callable[[], None]:
+        """Give every frame from now on to ``subscriber``; see the base."""
+        return self.subscribe_frames(lambda passed: subscriber(_message(passed)))
+
+    @property
+    def messages(self) -> list[Message]:
+        """The frames of the transcript."""
+        with self._lock:
+            return [_message(passed) for passed in self.transcript]
+
+    def explain(self, content: CanFrame) -> str:
+        """What a frame says; empty if nobody knows."""
+        return self._explain(content) if self._explain else ""
+
     def render_transcript(self) -> str:
         """The last frames: time in ms, ``>`` from a host or ``<`` to it, frame, meaning."""
         with self._lock:
@@ -227,3 +242,7 @@ class Bus(Simulation[CanNetwork]):
         meaning = self._explain(passed.frame) if self._explain else ""
         time_ms = passed.end_ns / NS_PER_MS
         return f"{time_ms:12.3f} ms {arrow} {passed.frame!s:20}  {meaning}".rstrip()
+
+
+def _message(passed: Passed) -> Message:
+    return Message(passed.end_ns, "host" if passed.from_host else "device", passed.frame)

@@ -265,6 +265,7 @@ class BoundControl:
         self.name = control.name if key is None else f"{control.name}.{key}"
         self.kind, self.doc, self.unit = shown.kind, shown.doc, shown.unit
         self.low, self.high, self.choices = shown.low, shown.high, shown.choices
+        self.bits, self.is_queue = shown.bits, shown.is_queue
         self.has_numbers = isinstance(control.keys, range) and key is None
         self.keys = control.keys if self.has_numbers else None
         self.is_readable = control is POWER or bool(control.read or control.field)
@@ -327,6 +328,11 @@ class Controls(Mapping[str, BoundControl]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
+
+    def __contains__(self, name: object) -> bool:
+        # Not by ``__getitem__`` alone: it looks for names that resemble one that is unknown.
+        row = name.partition(".")[0] if isinstance(name, str) else name
+        return row in self._rows and super().__contains__(name)
 
     def read_all(self, *, is_live: bool = False) -> tuple[Nanos, dict[str, Any]]:
         """The present time, and all that can be read then: plain values by name.

@@ -4,8 +4,9 @@ What holds for every simulation (time, storage, threads) is told in ``simulation
 is the host's end.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
-from typing import cast
+from typing import Final, cast
 
 from axistwin.devices.base import UsbDevice
 from axistwin.devices.traces import report_text
@@ -14,8 +15,10 @@ from axistwin.runtime.clock import Clock
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.simulation import Simulation, Station, earliest
 from axistwin.runtime.storage import Stores
-from axistwin.runtime.transcript import Transcript
+from axistwin.runtime.transcript import Burst, Direction, Message, MessageSubscriber, Transcript
 from axistwin.wire.framing import LineFormat
+
+REPORTS_KEPT: Final = 200
 
 _FOREVER = 1 << 62
 
@@ -44,6 +47,8 @@ class Line(Simulation[SerialNetwork]):
         self.transcript = Transcript()
         self._explain = explain
         self._seen_bytes = 0
+        self._reports: deque[Message] = deque(maxlen=REPORTS_KEPT)
+        self._report_subscribers: list[MessageSubscriber] = []
         super().__init__(network, clock, storage, stations)
 
     # -- time ---------------------------------------------------------------------------------
@@ -129,9 +134,10 @@ class Line(Simulation[SerialNetwork]):
 
     def _rate_note(self) -> str:
         """What the transcript says of bytes sent now; nothing if the rates agree."""
-        mismatch = self.rate_mismatch
-        if mismatch is None:
+        if self._network.is_host_understood:  # by far the most common
             return ""
+        mismatch = self.rate_mismatch
+        assert mismatch is not None
         return f"not understood: sent at {mismatch[0]}, {listening(mismatch[1])}"
 
     def send(self, data: bytes, backlog_max: int | None = None) -> int:
@@ -263,10 +269,62 @@ class Line(Simulation[SerialNetwork]):
         """The host's end of the cable to the USB port of device ``index``, which must have one."""
         return UsbCable(self, index, cast(UsbDevice, self._stations[index].device))
 
+    # -- what was said ------------------------------------------------------------------------
+
+    def subscribe_messages(self, subscriber: MessageSubscriber) -> Callable[[], None]:
+        """Give every burst that is over from now on, and USB report, to ``subscriber``; see the
+        base.
+        """
+        no_reports = self._added(self._report_subscribers, subscriber)
+        with self._lock:
+            unsubscribe = self.transcript.subscribe(lambda burst: subscriber(_message(burst)))
+
+        def end() -> None:
+            no_reports()
+            with self._lock:
+                unsubscribe()
+
+        return end
+
+    @property
+    def messages(self) -> list[Message]:
+        """The bursts of the transcript, and the last USB reports."""
+        with self._lock:
+            bursts = [_message(burst) for burst in self.transcript]
+            if not self._reports:
+                return bursts
+            return sorted([*bursts, *self._reports], key=lambda message: message.time_ns)
+
+    def keep_report(self, time_ns: Nanos, direction: Direction, report: bytes) -> None:
+        """A host has sent a USB report, or read one."""
+        content = report.rstrip(b"\0")
+        message = Message(time_ns, direction, content, f"USB: {report_text(content)}")
+        with self._lock:
+            self._reports.append(message)
+            for subscriber in tuple(self._report_subscribers):
+                subscriber(message)
+
+    def flush_messages(self, *, at_once: bool = False) -> None:
+        """Have subscribers told of a burst to which nothing was added lately; see the base."""
+        with self._lock:
+            now = self.sync()
+            if at_once:
+                self.transcript.flush()
+            else:
+                self.transcript.flush_at(now)
+
+    def explain(self, content: bytes) -> str:
+        """What bytes of this line say; empty if nobody knows."""
+        return self._explain(content) if self._explain else ""
+
     def render_transcript(self) -> str:
         """The transcript with every frame in words."""
         with self._lock:
             return self.transcript.render(self._explain)
+
+
+def _message(burst: Burst) -> Message:
+    return Message(burst.time_ns, burst.direction, bytes(burst.data), burst.note)
 
 
 class UsbCable:
@@ -280,6 +338,7 @@ class UsbCable:
     def send(self, report: bytes) -> None:
         """Let the device take an OUT report, without a report number, now."""
         self._line.note(f"USB > {report_text(report)}")
+        self._line.keep_report(self._line.sync(), "host", report)
         self._line.act(self._index, lambda now: self._device.receive_report(now, report))
 
     @property
@@ -289,9 +348,12 @@ class UsbCable:
 
     def receive(self) -> bytes | None:
         """Take the oldest IN report that has come by now."""
-        with self._line.present():
+        with self._line.present() as now:
             reports = self._device.reports
-            return reports.popleft() if reports else None
+            if not reports:
+                return None
+            self._line.keep_report(now, "device", reports[0])
+            return reports.popleft()
 
     def wait(self, until_ns: Nanos | None, *, stop: Callable[[], bool]) -> Nanos:
         """``Line.wait`` until there is an IN report; returns the present time."""

@@ -7,9 +7,10 @@ bursts when somebody looks, or when there are many; most are forgotten before th
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from axistwin.kernel.time import NS_PER_MS, Nanos
+from axistwin.wire.can_frame import CanFrame
 
 Direction: TypeAlias = Literal["host", "device"]
 
@@ -33,20 +34,43 @@ class Burst:
     note: str = ""
 
 
+class Message(NamedTuple):
+    """What went over a line or a bus in one piece: bytes without a pause, a frame, a USB report.
+
+    time_ns: when a burst began, a frame was complete, or a host sent or read a report.  note: as of
+    a burst.
+    """
+
+    time_ns: Nanos
+    direction: Direction
+    content: bytes | CanFrame
+    note: str = ""
+
+
+MessageSubscriber: TypeAlias = Callable[[Message], None]
+
+
 class Transcript:
     """The last ``limit`` bursts, of at most 256 bytes each.
 
     pause_ns: a longer silence ends a burst.
-    on_burst: called with each burst when it is over, that is, when the next begins or at ``flush``.
     """
 
     def __init__(self, limit: int = 200, pause_ns: Nanos = 5 * NS_PER_MS) -> None:
         assert limit > 0
-        self._pause_ns = pause_ns
+        self.pause_ns = pause_ns
         self._bursts: deque[Burst] = deque(maxlen=limit)
         self._is_open = False
         self._pieces: list[tuple[Nanos, Direction, bytes, str]] = []
-        self.on_burst: Callable[[Burst], None] | None = None
+        self._subscribers: list[Callable[[Burst], None]] = []
+
+    def subscribe(self, subscriber: Callable[[Burst], None]) -> Callable[[], None]:
+        """Give each burst from now on to ``subscriber`` when it is over: when the next begins, or
+        at ``flush``.  Call what is returned to end that.
+        """
+        self.flush()
+        self._subscribers.append(subscriber)
+        return lambda: self._subscribers.remove(subscriber)
 
     def add(self, time_ns: Nanos, direction: Direction, data: bytes, note: str = "") -> None:
         """Keep ``data``; it joins the last burst unless that went the other way or is over.
@@ -55,12 +79,12 @@ class Transcript:
         """
         if data:
             self._pieces.append((time_ns, direction, data, note))
-            if self.on_burst is not None or len(self._pieces) >= _PIECES_MAX:
+            if self._subscribers or len(self._pieces) >= _PIECES_MAX:
                 self._join_pieces()
 
     def _join_pieces(self) -> None:
         pieces, self._pieces = self._pieces, []
-        first = 0 if self.on_burst is not None else self._first_kept(pieces)
+        first = 0 if self._subscribers else self._first_kept(pieces)
         if first:
             self._end_burst()
         for piece in pieces[first:]:
@@ -83,7 +107,7 @@ class Transcript:
             last is not None
             and last.direction == direction
             and last.note == note
-            and time_ns - last.last_ns <= self._pause_ns
+            and time_ns - last.last_ns <= self.pause_ns
             and len(last.data) + len(data) <= _BURST_MAX
         ):
             last.data += data
@@ -100,11 +124,17 @@ class Transcript:
         self._join_pieces()
         self._end_burst()
 
+    def flush_at(self, time_ns: Nanos) -> None:
+        """``flush`` if nothing was added for ``pause_ns``."""
+        self._join_pieces()
+        if self._bursts and time_ns - self._bursts[-1].last_ns > self.pause_ns:
+            self._end_burst()
+
     def _end_burst(self) -> None:
         if self._is_open:
             self._is_open = False
-            if self.on_burst is not None:
-                self.on_burst(self._bursts[-1])
+            for subscriber in tuple(self._subscribers):
+                subscriber(self._bursts[-1])
 
     def clear(self) -> None:
         """Forget everything."""

@@ -197,9 +197,9 @@ def drawn(seed: int, number: int) -> Journey:
     segments: tuple[ContourSegment, ...] = ()
     turn = None
     if kind in ("arc", "helix"):
-        turn = _turn(rng, kind)
+        turn = drawn_turn(rng, kind)
     elif kind == "contour":
-        segments = _segments(rng)
+        segments = drawn_segments(rng)
     else:
         reach = 2**31 - 1 if kind == "long" else rng.choice((5, 60, 400))
         segments = (ContourSegment(_vector(rng, reach), settings.speed),)
@@ -241,7 +241,7 @@ def _vector(rng: Random, reach: int) -> Four:
     )
 
 
-def _segments(rng: Random) -> tuple[ContourSegment, ...]:
+def drawn_segments(rng: Random) -> tuple[ContourSegment, ...]:
     """A few that go on much in one direction, with a corner or a reversal now and then."""
     reach, speed = rng.choice((8, 40, 120)), rng.randrange(2, 12_000)
     way = _vector(rng, reach)
@@ -257,7 +257,7 @@ def _segments(rng: Random) -> tuple[ContourSegment, ...]:
     return tuple(found)
 
 
-def _turn(rng: Random, kind: Kind) -> Turn:
+def drawn_turn(rng: Random, kind: Kind) -> Turn:
     """An arc whose ends are rounded, as a host does."""
     reach = rng.choice((12, 60, 150))
     while True:

@@ -53,3 +53,53 @@ def cells() -> dict[tuple[str, str], str]:
         for line in TABLE.strip().splitlines()
         for column, word in zip(COLUMNS.split(), line[1:].split(), strict=True)
     }
+
+
+ARROWS = """
+A RDY>MOV HLD>HPD ABT>MOV
+( RDY>CCB MOV>CCB QUE>CCB PAU>CCB HLD>CCB CCX>CCB THR>CCB ABT>CCB
+) CCB>CCX
++ RDY>MOV HLD>HPD ABT>MOV
+H RDY>HLD ABT>HLD
+J RDY>JOG HLD>JOG JOG>RDY ABT>JOG
+M RDY>MOV HLD>HPD ABT>MOV
+{ MOV>PAU QUE>PAU CCX>PAU RUN>PAU THR>PAU
+} PAU>MOV
+Z RDY>PRG HLD>PRG ABT>PRG
+Q MOV>ABT QUE>ABT PAU>ABT CCB>RDY CCX>ABT CFG>RDY RUN>ABT THR>ABT
+K HPD>MOV
+U RDY>RUN HLD>RUN ABT>RUN
+. RDY>CFG HLD>CFG ABT>CFG
+T RDY>THR HLD>HPD ABT>THR
+| ABT>RDY
+"""
+"""Where a command leads; the last row by what ends ABT.  All else stays where it is."""
+
+
+def arrows() -> dict[tuple[str, str], str]:
+    """The state behind each cell that leads elsewhere."""
+    found = {}
+    for line in ARROWS.strip().splitlines():
+        letter, *ways = line.split()
+        for before, after in (way.split(">") for way in ways):
+            found[letter, before] = after
+    return found
+
+
+REACHED = {
+    "RDY": (),
+    "MOV": ("M5000",),
+    "QUE": ("M5000", "M,1"),
+    "PAU": ("M5000", "{"),
+    "HLD": ("H",),
+    "HPD": ("H", "M3000"),
+    "CCB": ("(", "M3000"),
+    "CCX": ("(", "M5000", ")"),
+    "PRG": ("Z", "M1"),
+    "CFG": (".", "M1"),
+    "RUN": ("Z", "M5000", "\x04", "U"),
+    "JOG": ("J1",),
+    "THR": ("T5,0,0,0,10",),
+    "ABT": ("M5000", "Q"),
+}
+"""What brings a board into each state, with something in it that can be lost."""

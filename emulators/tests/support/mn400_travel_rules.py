@@ -274,7 +274,10 @@ def lash_s(travel: Travel) -> float:
             settings.lash, directions, settings.lash_memory, strict=True
         )
     ]
-    cap = cap_of(settings, settings.speed, settings.feed_permille, sum(map(bool, taken)))
+    moving = (segment.speed for segment in travel.journey.segments if any(segment.displacement))
+    cap = cap_of(
+        settings, next(moving, settings.speed), settings.feed_permille, sum(map(bool, taken))
+    )
     return straight_s(settings, cap, max(taken))
 
 

@@ -24,11 +24,10 @@ from axistwin.cli.run.outlet import Outlet
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, Nanos
 from axistwin.runtime.line import Line
+from axistwin.runtime.serving.line_server import PAUSE_NS
 from axistwin.runtime.serving.loop import LoopShare
 from axistwin.runtime.transcript import ARROWS, Burst, Direction, Transcript
 
-# A reply may reach us in pieces, late when the machine is busy; the other direction ends it anyway.
-PAUSE_NS: Nanos = 50 * NS_PER_MS
 ROOM_BYTES = 4 * 1024 * 1024
 """What waits for a slow file."""
 
@@ -98,7 +97,7 @@ class Recorder(Transcript):
 
     def __init__(self, file: CaptureFile, explain: Callable[[bytes], str], loop: LoopShare) -> None:
         super().__init__(pause_ns=PAUSE_NS)
-        self.on_burst = self._write_burst
+        self.subscribe(self._write_burst)
         self._file = file
         self._explain_bytes = explain
         self._loop = loop

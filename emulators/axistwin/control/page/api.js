@@ -50,10 +50,10 @@ function protocols() {
   return ["axistwin", `axistwin.bearer.${code}`];
 }
 
-/** Tell `hear` every event of `devices` (all: none named), and `link` whether it is connected.
- *  Comes again when it is cut.  Returns what ends it. */
-export function watch(devices, hear, link) {
-  const query = devices.map((each) => `device=${encodeURIComponent(each)}`).join("&");
+/** Tell `hear` every event of `devices` and what goes over `lines` (all devices: none named), and
+ *  `link` whether it is connected.  Comes again when it is cut.  Returns what ends it. */
+export function watch(devices, hear, link, lines = []) {
+  const query = new URLSearchParams([...devices.map((each) => ["device", each]), ...lines.map((each) => ["traffic", each])]);
   const url = new URL(`api/v1/events?${query}`, location.href);
   url.protocol = url.protocol.replace("http", "ws");
   url.hash = "";
@@ -71,7 +71,8 @@ export function watch(devices, hear, link) {
   join();
   return () => {
     clearTimeout(timer);
-    socket.onclose = socket.onmessage = socket.onopen = null;
-    socket.close();
+    socket.onclose = socket.onmessage = null;
+    socket.onopen = () => socket.close(); // a browser complains of one that is closed before
+    if (socket.readyState === WebSocket.OPEN) socket.close();
   };
 }

@@ -4,7 +4,9 @@ import { getControls, getDevice, getState, switchPower, watch } from "./api.js";
 import { MotionCharts } from "./chart.js";
 import { makeControls, spread } from "./controls.js";
 import { attempt, make, seconds, shown, words, write } from "./dom.js";
+import { makeFaults } from "./faults.js";
 import { makeLog } from "./log.js";
+import { makeStatus } from "./status.js";
 
 const OFF_S = 0.5;
 
@@ -15,25 +17,34 @@ export async function deviceView(wanted, link) {
   const values = { ...state.values };
   const head = makeHead(device);
   const charts = device.axes && new MotionCharts(device.axes);
-  const readings = makeReadings(device, rows.filter((each) => each.readable && !each.writable && !each.numbers));
+  const status = makeStatus(controls);
+  const isStatus = (each) => each.queue || each.bits.length;
+  const readings = makeReadings(device, rows.filter((each) => each.readable && !each.writable && !each.numbers && !isStatus(each)));
   const works = makeControls(device.name, rows.filter((each) => each.name !== "power" && (each.writable || each.numbers)));
+  const faults = await makeFaults(device.line);
   const log = makeLog();
   const show = (timeNs, changed) => {
     Object.assign(values, changed);
     head.show(timeNs, values);
     readings.show(changed);
+    status?.show(changed);
     works.show(changed);
-    charts?.push(timeNs, values);
   };
   const hear = (event) => {
-    if (event.values) show(event.time_ns, event.values);
-    else if (event.event === "told") log.add(seconds(event.time_ns), event.text);
-    else if (event.line === device.line) log.add("", words(event.kind));
+    if (event.values) {
+      show(event.time_ns, event.values);
+      charts?.push(event.time_ns, values);
+    } else if (event.event === "set") {
+      show(event.time_ns, event.control in values ? { [event.control]: event.value } : {}); // the charts wait for all values
+      log.add(seconds(event.time_ns), `${words(event.control)}: ${event.value === null ? "done" : `set to ${shown(event.value)}`}`);
+    } else if (event.event === "told") log.add(seconds(event.time_ns), event.text);
+    else if (event.line === device.line) log.add("", faults.hear(event) ?? words(event.kind));
   };
   show(state.time_ns, state.values);
+  charts?.push(state.time_ns, values);
   const leave = watch([device.name], hear, link);
   const element = make("div", {}, head.element,
-    make("div", { class: "grid" }, ...(charts ? [charts.element] : []), ...works.sections, readings.element, log.element));
+    make("div", { class: "grid" }, ...(charts ? [charts.element] : []), ...(status ? [status.element] : []), ...works.sections, readings.element, faults.element, log.element));
   return { title: device.name, element, leave: () => (leave(), charts?.close()) };
 }
 
@@ -56,7 +67,8 @@ function makeHead(device) {
   const element = make("div", { class: "head" },
     make("nav", { "aria-label": "Way back" }, make("a", { href: "#/" }, "All devices")),
     make("h1", { tabindex: -1 }, device.name), state,
-    make("div", { class: "row" }, power, cycle, make("span", { class: "quiet" }, `${device.model} on the line of ${device.line}`), time));
+    make("div", { class: "row" }, power, cycle, make("span", { class: "quiet" }, `${device.model} on the `,
+      make("a", { href: `#/line/${encodeURIComponent(device.line)}` }, `line of ${device.line}`)), time));
   return { element, show };
 }
 

@@ -12,7 +12,8 @@ export async function overview(link) {
     failures.set(line.name, failure);
     const found = line.endpoints.map((each) => `${each.kind} ${each.url}`).join(", ");
     return make("section", { "aria-labelledby": `line-${index}` },
-      make("h2", { id: `line-${index}` }, `Line of ${line.name}`),
+      make("div", { class: "row" }, make("h2", { id: `line-${index}` }, `Line of ${line.name}`),
+        make("a", { href: `#/line/${encodeURIComponent(line.name)}`, "aria-describedby": `line-${index}` }, "Traffic")),
       make("p", { class: "doc" }, found || "no port"), failure,
       make("ul", { class: "cards" }, ...line.devices.filter((each) => cards.has(each)).map((each) => cards.get(each).element)));
   });

@@ -3,6 +3,7 @@
 import { hasToken, keepToken } from "./api.js";
 import { deviceView } from "./device.js";
 import { make, write } from "./dom.js";
+import { lineView } from "./line.js";
 import { overview } from "./overview.js";
 
 const main = document.getElementById("main");
@@ -22,15 +23,17 @@ function unlink() {
   connection.className = "";
 }
 
-/** Show what the address names: `#/` or `#/device/NAME`. */
+const VIEWS = { device: deviceView, line: lineView };
+
+/** Show what the address names: `#/`, `#/device/NAME` or `#/line/NAME`. */
 async function go({ isFirst = false } = {}) {
   const mine = ++turn;
   leave();
   leave = () => {};
-  const name = location.hash.match(/^#\/device\/(.+)$/)?.[1];
+  const [, kind, name] = location.hash.match(/^#\/(device|line)\/(.+)$/) ?? [];
   let view;
   try {
-    view = await (name ? deviceView(decodeURIComponent(name), link) : overview(link));
+    view = await (name ? VIEWS[kind](decodeURIComponent(name), link) : overview(link));
   } catch (error) {
     view = { title: "Problem", element: error.status === 401 ? tokenForm() : refusal(error), leave: () => {} };
     unlink();

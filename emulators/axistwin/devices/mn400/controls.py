@@ -2,8 +2,8 @@
 
 from typing import Final
 
-from axistwin.devices.controls import COMMON, AxisReadout, Control, ControlTable
-from axistwin.devices.mn400.inputs import NAMES
+from axistwin.devices.controls import COMMON, AxisReadout, Bit, Control, ControlTable
+from axistwin.devices.mn400.inputs import NAMES, ON_VALUES
 
 FLAGS: Final = ("stop", "pause", "jog", "run")
 
@@ -52,7 +52,16 @@ MN400: Final = ControlTable(
             keys=NAMES,
             noun="input",
         ),
-        Control("inputs_status", "whole", "what S tells", "inputs_status"),
+        Control(
+            "inputs_status",
+            "whole",
+            "what S tells",
+            "inputs_status",
+            bits=tuple(
+                Bit(value.bit_length() - 1, name.replace("_", " "), "MN4-CMD-S-01")
+                for name, value in ON_VALUES.items()
+            ),
+        ),
         _pot("feed", "the feedrate potentiometer; works while the input feedrate_enable is on"),
         _pot("jog", "the potentiometer for the speed of jogging"),
         Control(
@@ -124,6 +133,15 @@ MN400: Final = ControlTable(
             "read all IN reports: they are gone",
             write="drop_reports",
             parameters=(),
+        ),
+        Control(
+            "queued",
+            "whole",
+            "commands that wait behind what runs",
+            "queued",
+            unit="commands",
+            is_queue=True,
+            attribute="",
         ),
         Control("program_lines", "data", "the user program", "program_lines"),
         Control("configuration_lines", "data", "what runs at power-up", "configuration_lines"),

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 class Mn400Family(Family):
     """Packets, motions of four axes, and two stored programs."""
 
+    unit_named = r"\bboard (\d+)"
     usb = UsbIdentity(0x0461, 0x0020, 64, "MN400")  # MN4-USB-01
 
     def quirks(self) -> "Mapping[str, Quirk]":

@@ -2,10 +2,11 @@
 
 from typing import Final
 
-from axistwin.devices.controls import COMMON, Control, ControlTable
+from axistwin.devices.controls import COMMON, Bit, Control, ControlTable
 from axistwin.devices.msc.controller import BATTERY_LEVELS
 from axistwin.devices.msc.data_area import VALUE_MAX, VALUE_MIN
 from axistwin.devices.msc.flags import FLAGS
+from axistwin.devices.msc.status import StatusBit
 
 ADDRESSES: Final = 0x10000
 STATUS_BITS: Final = 16
@@ -46,6 +47,10 @@ MSC: Final = ControlTable(
             "whole",
             "the status word, as RQSTAT gives it; looking at it changes nothing",
             read="status_at",
+            bits=tuple(
+                Bit(n, str(bit.name).lower().replace("_", " "), "MSC-STA-02")
+                for n, bit in enumerate(StatusBit)
+            ),
         ),
         Control(
             "status_bits",

@@ -22,7 +22,12 @@ from axistwin.devices.msc.data_area import DataArea
 from axistwin.devices.msc.flags import FlagKind, Flags
 from axistwin.devices.msc.quirks import MscQuirks
 from axistwin.devices.msc.status import Status, StatusBit
-from axistwin.devices.traces import ProgramFailed, ProgramStarted, ProgramStopped, StrayReturn
+from axistwin.devices.program_traces import (
+    ProgramFailed,
+    ProgramStarted,
+    ProgramStopped,
+    StrayReturn,
+)
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import NS_PER_MS, Nanos

@@ -6,6 +6,8 @@ Rules
 2. Devices tell few things by themselves: the rest is looked at every ``LOOK_S``, or every
    ``REST_S`` where nothing has changed for ``ACTIVE_S``; nobody watches, nobody looks.
 3. Everything here runs in the rack's loop.  A watcher must not wait.
+4. What is set from outside is told even if it is as it was: whoever looked on may show less.
+5. Messages of a line (``traffic``) are told to whoever asks for them, ``LOOK_S`` apart.
 """
 
 import time
@@ -17,6 +19,7 @@ from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.serving.rack import Rack, RackDevice
+from axistwin.runtime.serving.traffic import LineTraffic, WatchedLine
 
 LOOK_S = 0.05
 REST_S = 0.25
@@ -44,6 +47,17 @@ class ValuesChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class ControlSet:
+    """A control was set, or worked, from outside; ``value``: as it is then, None if not read."""
+
+    event: ClassVar[str] = "set"
+    device: str
+    time_ns: Nanos
+    control: str
+    value: Any
+
+
+@dataclass(frozen=True, slots=True)
 class DeviceTold:
     """A device told something by itself: what ``kind`` of thing, and in words."""
 
@@ -64,7 +78,9 @@ class LineTold:
     details: Mapping[str, Any]
 
 
-RackEvent: TypeAlias = DeviceShown | ValuesChanged | DeviceTold | LineTold
+RackEvent: TypeAlias = (
+    DeviceShown | ValuesChanged | ControlSet | DeviceTold | LineTold | LineTraffic
+)
 Watcher: TypeAlias = Callable[[RackEvent], None]
 
 
@@ -86,17 +102,25 @@ class Live:
     def __init__(self, rack: Rack) -> None:
         self._rack = rack
         self._watched: dict[str, _Watched] = {}
+        self._lines: dict[str, WatchedLine] = {}
         self._watchers: list[Watcher] = []
         self._is_looking = False
         rack.subscribe(self._line_told)
 
-    def watch(self, devices: Collection[str], watcher: Watcher) -> Callable[[], None]:
-        """Tell ``watcher`` of ``devices`` and of all lines; call what is returned to end that."""
+    def watch(
+        self, devices: Collection[str], watcher: Watcher, lines: Collection[str] = ()
+    ) -> Callable[[], None]:
+        """Tell ``watcher`` of ``devices``, of all lines, and what goes over ``lines``.
+
+        Call what is returned to end that.
+        """
         self._watchers.append(watcher)
         for name in devices:
             device = self._rack.devices.get(name)  # its line may just have been removed
             if device is not None and device.server.failure is None:
                 self._watch_device(device, watcher)
+        for line in lines:
+            self._watch_line(line, watcher)
         if not self._is_looking:
             self._is_looking = True
             self._rack.loop.call_later(LOOK_S, self._look)
@@ -105,8 +129,19 @@ class Live:
             self._watchers.remove(watcher)
             for name in devices:
                 self._leave_device(name, watcher)
+            for line in lines:
+                self._leave_line(line, watcher)
 
         return leave
+
+    def control_set(
+        self, device: RackDevice, time_ns: Nanos, control: str, value: Any = None
+    ) -> None:
+        """A control of ``device`` was set: tell it (rule 4), and look for what follows."""
+        self.touch(device)
+        watched = self._watched.get(device.name)
+        for watcher in tuple(watched.watchers) if watched is not None else ():
+            watcher(ControlSet(device.name, time_ns, control, value))
 
     def touch(self, device: RackDevice) -> None:
         """Something was done to ``device``: look at it soon."""
@@ -123,6 +158,34 @@ class Live:
             gone = [name for name, each in self._watched.items() if each.device.line == line]
             for name in gone:
                 self._watched.pop(name).unsubscribe()
+            if line in self._lines:
+                self._lines.pop(line).unsubscribe()
+
+    # -- the lines ----------------------------------------------------------------------------
+
+    def _watch_line(self, name: str, watcher: Watcher) -> None:
+        server = self._rack.lines.get(name)
+        if server is None or server.failure is not None:
+            return
+        if name not in self._lines:
+            self._lines[name] = WatchedLine(name, server)
+        self._on_line(self._lines[name], lambda line: line.join(watcher))
+
+    def _leave_line(self, name: str, watcher: Watcher) -> None:
+        line = self._lines.get(name)
+        if line is None or watcher not in line.watchers:
+            return
+        line.watchers.remove(watcher)
+        if not line.watchers:
+            line.unsubscribe()
+            del self._lines[name]
+
+    def _on_line(self, line: WatchedLine, action: Callable[[WatchedLine], None]) -> None:
+        """Do it; a line that fails ends alone."""
+        try:
+            action(line)
+        except Exception as error:
+            line.server.fail(error)
 
     # -- the devices --------------------------------------------------------------------------
 
@@ -179,6 +242,9 @@ class Live:
             if now_s - watched.looked_s >= period_s and watched.device.server.failure is None:
                 watched.looked_s = now_s
                 self._look_at(watched)
+        for line in tuple(self._lines.values()):
+            if line.server.failure is None:
+                self._on_line(line, WatchedLine.report)
         self._rack.loop.call_later(LOOK_S, self._look)
 
     def _look_at(self, watched: _Watched) -> None:

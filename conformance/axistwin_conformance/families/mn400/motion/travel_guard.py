@@ -391,7 +391,9 @@ class BoardTravelGuard:
         is_refused = said in REFUSED or (said == "MOVEPENDING" and self._is_kept_out(asked))
         if is_refused:
             self.boards[board] = self._before.get(board, self._after[board])
-        elif said in OBEYED:
+        elif said in OBEYED or (
+            said == "MOVE_ABORT" and self.readings.guess("move_abort_use", "") == "while_aborted"
+        ):
             self.boards[board] = self._after[board].grown(now_ns)
             if said == "data" and asked.command.upper() == "E":
                 self._learn(board, asked, packet)

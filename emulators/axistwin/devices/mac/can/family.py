@@ -16,6 +16,7 @@ class MacCanFamily(Family):
     """SDO requests over the axis core."""
 
     carrier: ClassVar[Carrier] = "can"
+    unit_named = r"\bmodule (\d+)"
 
     def quirks(self) -> "Mapping[str, Quirk]":
         """Those of the axis and of the bus."""

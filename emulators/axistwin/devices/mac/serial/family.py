@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 class MacSerialFamily(Family):
     """Expert frames over the axis core; ``model``: whose units bytes are told in, if one's."""
 
+    unit_named = r"\bmodule (\d+)"
+
     def __init__(self, model: str = "") -> None:
         self._model = model
 

@@ -1,6 +1,7 @@
 """The motions that commands make: straight moves, contours, threads and jogs."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
@@ -44,12 +45,17 @@ def contour(
     segments: Sequence[ContourSegment],
     margin: int = DEFAULT_MARGIN,
 ) -> VectorMotion:
-    """One continuous motion through all segments (MN4-CMD-CC-05); margin in steps/s."""
+    """One continuous motion through all segments (MN4-CMD-CC-05); margin in steps/s.
+
+    Backlash is taken up at the speed of the first one (ledger §5.6).
+    """
+    moving = [segment for segment in segments if any(segment.displacement)]
     parts = [
         straight_part(settings, segment.displacement, segment.speed, is_joined=index > 0)
-        for index, segment in enumerate(one for one in segments if any(one.displacement))
+        for index, segment in enumerate(moving)
     ]
-    lash = compensation(settings, _first_directions(part.path for part in parts))
+    before = replace(settings, speed=moving[0].speed) if moving else settings
+    lash = compensation(before, _first_directions(part.path for part in parts))
     return assembled(now_ns, settings, [*lash, *parts], margin)
 
 
@@ -108,7 +114,7 @@ def compensation(
     """
     memory = settings.lash_memory if memory is None else memory
     first, second, third, fourth = (
-        lash * _sign(directions[axis]) if directions[axis] * memory[axis] < 0 else 0
+        -lash * memory[axis] if directions[axis] * memory[axis] < 0 else 0
         for axis, lash in enumerate(settings.lash)
     )
     taken_up = (first, second, third, fourth)
@@ -118,10 +124,6 @@ def compensation(
     if settings.rules.backlash_speed == "start" and speed > 0:
         speed = min(speed, settings.profile.start)
     return [straight_part(settings, taken_up, speed, is_commanded=False)]
-
-
-def _sign(value: int) -> int:
-    return (value > 0) - (value < 0)
 
 
 def assembled(

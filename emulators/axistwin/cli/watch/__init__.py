@@ -1,0 +1,1 @@
+"""``axistwin watch``: what the devices of a daemon do, in a terminal."""
