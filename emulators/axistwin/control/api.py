@@ -53,6 +53,21 @@ from axistwin.wire.faults import FaultReport
 ANSWER_S: Final = 10.0
 """How long the loop may take; it is busy for much less."""
 
+PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
+    status: {"model": Problem, "description": description}
+    for status, description in (
+        (400, "The body cannot be read."),
+        (401, "The token is missing, or wrong."),
+        (403, "Host or Origin is not this server's."),
+        (404, "Nothing is called so; the message has the nearest name."),
+        (408, "The body did not come in time."),
+        (413, "The body is too long."),
+        (422, "The value is not allowed; the message says what is."),
+        (503, "The line has failed."),
+    )
+}
+"""What any route may answer instead."""
+
 ResultT = TypeVar("ResultT")
 
 DeviceName = Annotated[str, Path(description="its name, MODEL:ADDRESS, or its model alone")]
@@ -76,20 +91,7 @@ class Api:
 
     def router(self) -> APIRouter:
         """All of them."""
-        problems: dict[int | str, dict[str, Any]] = {
-            status: {"model": Problem, "description": description}
-            for status, description in (
-                (401, "The token is missing, or wrong."),
-                (403, "Host or Origin is not this server's."),
-                (
-                    404,
-                    "Nothing is called so; the message has the nearest name.",
-                ),
-                (422, "The value is not allowed; the message says what is."),
-                (503, "The line has failed."),
-            )
-        }
-        router = APIRouter(prefix="/api/v1", responses=problems)
+        router = APIRouter(prefix="/api/v1", responses=PROBLEMS)
         device, control = "/devices/{device}", "/devices/{device}/controls/{control}"
         get, put, post = router.get, router.put, router.post
         get("/lines", summary="All lines and buses")(self.lines)

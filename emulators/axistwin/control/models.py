@@ -151,6 +151,8 @@ class ControlDone(Described):
 class PowerOrder(Described):
     """What to do to the supply."""
 
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
     action: Literal["on", "off", "cycle"] = Field(description="cycle: off, and on again")
     off_s: float = Field(
         0.0, ge=0.0, le=OFF_MAX_S, description="how long a cycle takes, in seconds of the line"
