@@ -311,7 +311,7 @@ def _condition(causes: Sequence[_Act], judged: _Act) -> str:
         is_cycle = _is_cycle(causes[number - 1 : number + 1]) if number else False
         words[-is_cycle or len(words) :] = [POWER_CYCLE if is_cycle else act.words]
     waited_ns = judged.time_ns - causes[-1].time_ns
-    is_under_way = causes[-1].exchange.effect in MOVING and judged.exchange.is_query
+    is_under_way = causes[-1].exchange.effect in MOVING
     is_worth = waited_ns > AT_ONCE_NS or is_under_way
     after = f"{waited_ns / 1e6:.0f} ms after" if is_worth else "after"
     *others, last = words

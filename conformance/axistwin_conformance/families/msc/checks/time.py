@@ -21,6 +21,10 @@ ORDER = 30  # of this module in a run; see `Family.modules`
 LISTEN_S: Final = 60.0  # costs nothing in virtual time
 LISTEN_REAL_S: Final = 2.0
 LONGEST_PACKET_NS: Final = 258_400_000  # MSC-LNK-17: 248 characters
+WITHOUT_GAPS: Final = (
+    "At 9600 baud with 8 data bits, no parity and 1 stop bit a byte takes 10 bits, and those of a"
+    " reply follow one another without a gap."
+)
 MARGIN_BYTES: Final = 5  # MSC-AMB-03: how far below T1 a packet is surely in time
 REAL_CUTS: Final = (2, 5, 6, 10, 13, 14)  # of RQSTAT's 15 bytes: in each field, and their edges
 SIGNS: Final = 0x0615  # as a block number: in a packet neither is a sign, nor begins a time limit
@@ -61,10 +65,12 @@ def judge_pace(driver: MscDriver, names: Names) -> None:
         Observation(
             f"of the {count + 2} bytes that came back from {REQUEST} (ACK and packet), the end of"
             f" the last one came {took_ns / MS:.1f} ms after the end of the second one"
-            f" ({took_ns / count * 10 / driver.link.byte_ns:.1f} bits per byte)",
+            f" ({took_ns / count * 10 / driver.link.byte_ns:.1f} bits per byte: another rate,"
+            " another frame or gaps between the bytes)",
             value=f"{took_ns / MS:.1f} ms",
             wanted=f"{due_ns / MS:.1f} ms ± {spare_ns / MS:.1f} ms (10 bits per byte at 9600"
             " baud, 8N1; the tolerance is the suite's)",
+            rule=WITHOUT_GAPS,
             by_hand="this shows the bytes; measure their times with a scope or logic analyser",
         ),
     )

@@ -245,7 +245,9 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
                 partial(
                     _busy_seen,
                     exchange,
-                    pace_words(driver.client.named(0x0D), driver.motion.period),
+                    start,
+                    f"{pace_words(driver.client.named(0x0D), driver.motion.period)} and no ramp"
+                    f" ({driver.client.named(0x0F)} = 0)",
                     target - highest,
                     target - lowest,
                     tolerance,
@@ -263,6 +265,7 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
 
 def _busy_seen(
     exchange: AxisExchange,
+    start: int,
     speed: str,
     least: int,
     most: int,
@@ -273,11 +276,14 @@ def _busy_seen(
     state = exchange.reply.data_bytes()[2]
     told, bit = ("not busy", 1) if state & BUSY else ("busy", 0)
     return Observation(
-        f"with {least}..{most} increments to go, as predicted for {speed}, and tolerance"
+        f"on the move from position {start}, with {least}..{most} increments to go, as"
+        f" predicted for {speed}, and tolerance"
         f" {tolerance} (1Ch), {REQUEST} showed {told} (cc = {state:02X}h, bit 3 = {bit})",
         value=told,
         wanted=" or ".join(
-            "busy (bit 3 = 0)" if is_busy else "not busy (bit 3 = 1)"
+            "busy (bit 3 = 0: as 27h has it, the motor does not yet follow)"
+            if is_busy
+            else "not busy (bit 3 = 1)"
             for is_busy in sorted(admissible)
         ),
         is_whole=False,
