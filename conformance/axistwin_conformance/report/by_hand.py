@@ -1,5 +1,6 @@
 """What to type, and to do, to send the requests of a failure again by hand."""
 
+import math
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,6 +14,9 @@ from axistwin_conformance.report.failures import Statement
 
 WORTH_A_WAIT_NS: Final = 2_000_000  # less passes between two requests anyway
 LONG_NS: Final = 900_000_000  # what comes later than that, 'axistwin send' does not wait for
+MARGIN_NS: Final = 500_000_000  # what comes unasked may come a little later than it did
+HAND_MS: Final = 20_000  # within which somebody has done what is to be done to the device
+WAIT: Final = "wait "
 LONGEST_NS: Final = 2_500_000_000  # between an earlier exchange and this one nothing counts
 
 _BUILT_IN: Final = re.compile(r"built-in twin \((.*)\)")
@@ -44,35 +48,64 @@ def instructions(run: Mapping[str, Any], one: Statement) -> Iterator[Instruction
             yield Instruction(Part.WORDS, one.no_hand)
         return
     steps = [*(each["data"] or each["text"] for each in one.before), *steps]
+    place = built_in(run)
     longest_s = timeout_s(one.transcript, one.by_hand)
     is_worked = any(step.startswith(RIG) for step in steps)
     if is_worked:
-        twin = f" (first start a twin: {shlex.join(['axistwin', 'run', run['model']])})"
-        yield Instruction(Part.WORDS, f"{one.no_hand}{twin if built_in(run) else ''}:")
-        if built_in(run):  # the URL would open another twin for each of these lines
-            run = {**run, "target": f"./{run['model']}"}
-    for is_act, some in groupby(steps, lambda step: step.startswith(RIG)):
-        if is_act:
-            acts = "; ".join(step.removeprefix(RIG) for step in some)
-            yield Instruction(Part.ACT, acts)
-        else:
-            command = send_command(run, *some, timeout_s=longest_s)
-            yield Instruction(Part.COMMAND, command)
+        twin = f" (first start a twin: axistwin run {run['model']}; axistwin ctl works it)"
+        yield Instruction(Part.WORDS, f"{one.no_hand}{twin if place else ''}:")
+        if place:  # the URL would open another twin for each of these lines
+            place = f"./{run['model']}"
+            run = {**run, "target": place}
+    parts = [(is_act, [*some]) for is_act, some in groupby(steps, _is_act)]
+    if is_worked and not parts[-1][0] and all(step.startswith(WAIT) for step in parts[-1][1]):
+        yield from _worked_while_listening(run, parts, longest_s)
+    else:
+        yield from _in_turn(run, parts, longest_s)
     if one.no_hand and not is_worked:
         yield Instruction(Part.REMARK, one.no_hand)
     if one.by_hand[1:]:
         last = one.transcript[one.by_hand[-1]]
         words = last["decoded"] or last["text"].removeprefix(RIG)
         yield Instruction(Part.REMARK, f"the last step is the one that failed: {words}")
-    if twin := built_in(run):
-        yield Instruction(Part.PORT, f"for a device, put its port in the place of {twin}")
+    if place:
+        yield Instruction(Part.PORT, f"for a device, put its port in the place of {place}")
+
+
+def _in_turn(
+    run: Mapping[str, Any], parts: Iterable[tuple[bool, Sequence[str]]], timeout_s: int
+) -> Iterator[Instruction]:
+    """What to do to the device and what to send it, one after the other."""
+    for is_act, steps in parts:
+        if is_act:
+            acts = "; ".join(step.removeprefix(RIG) for step in steps)
+            yield Instruction(Part.ACT, acts.replace(" was ", " is ").replace("began", "begins"))
+        else:
+            yield Instruction(Part.COMMAND, send_command(run, *steps, timeout_s=timeout_s))
+
+
+def _worked_while_listening(
+    run: Mapping[str, Any], parts: Sequence[tuple[bool, Sequence[str]]], timeout_s: int
+) -> Iterator[Instruction]:
+    """The same where what comes of the last act comes unasked: the one who listens is there first,
+    and for longer than a hand takes."""
+    *before, act, (_, waits) = parts
+    yield from _in_turn(run, before, timeout_s)
+    listened_ms = sum(float(one.split()[1]) for one in waits) + HAND_MS
+    yield Instruction(Part.WORDS, f"start this first; while it listens ({HAND_MS / 1000:.0f} s):")
+    yield Instruction(Part.COMMAND, send_command(run, f"{WAIT}{listened_ms:.15g} ms"))
+    yield from _in_turn(run, [act], timeout_s)
+
+
+def _is_act(step: str) -> bool:
+    return step.startswith(RIG)
 
 
 def in_lines(run: Mapping[str, Any], one: Statement) -> Iterator[str]:
     """The same as plain text."""
     for number, (part, text) in enumerate(instructions(run, one)):
         label = "" if number else "by hand: "
-        shown = {Part.ACT: f"done: {text}", Part.REMARK: f"({text})", Part.PORT: f"({text})"}
+        shown = {Part.ACT: f"now: {text}", Part.REMARK: f"({text})", Part.PORT: f"({text})"}
         yield f"{label}{shown.get(part, text)}"
 
 
@@ -115,11 +148,12 @@ def again(records: Sequence[Mapping[str, Any]], numbers: Sequence[int]) -> list[
             wait_ns = min(wait_ns, LONGEST_NS)
         is_request, was_request = bool(record["data"]), is_request
         if wait_ns > WORTH_A_WAIT_NS and is_request and was_request:
-            steps.append(f"wait {round(wait_ns / 1e6, 1):.15g} ms")
+            steps.append(f"{WAIT}{round(wait_ns / 1e6, 1):.15g} ms")
         steps.append(record["data"] or record["text"])
         free_ns = _answered_ns(records, number)
     if numbers and (rest_ns := free_ns - records[numbers[-1]]["time_ns"]) > LONG_NS:
-        steps.append(f"wait {round(rest_ns / 1e6, 1):.15g} ms")  # a message that was not asked for
+        rest_ms = math.ceil((rest_ns + MARGIN_NS) / 1e8) * 100
+        steps.append(f"{WAIT}{rest_ms} ms")  # a message that was not asked for
     return steps
 
 
