@@ -199,7 +199,7 @@ def test_random_frames_are_no_reply() -> None:
         assert read(codec.request(1, chance.choice((0x24, 0x18))), *frames) is None
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(index=st.integers(0, 0x2F), packed=st.binary(max_size=60))
 def test_nothing_that_comes_makes_it_fall_over(index: int, packed: bytes) -> None:
     """Bytes that are no frames included."""

@@ -435,6 +435,25 @@ def test_a_deaf_device_is_waited_for(toy: Any, monkeypatch: pytest.MonkeyPatch) 
     assert toy.run().exit_status == 0
 
 
+def test_a_device_that_restarts_while_it_is_put_back_is_put_back_again(toy: Any) -> None:
+    """It is deaf then, and not lost."""
+    restore, deaf = toy.family.restore, [True]
+
+    def restarts(session: Session, memory: Any) -> tuple[str, ...]:
+        if deaf:
+            deaf.pop()
+            raise TargetError("expected an answer, got silence")
+        told: tuple[str, ...] = restore(session, memory)
+        return told
+
+    toy.family = vary(toy.family, restore=restarts)
+    toy.add(stores, STORE, safety="stored")
+    toy.add(moves, MOVE, safety="motion")
+    result = toy.run()
+    assert not deaf
+    assert (result.exit_status, result.problems) == (0, [])
+
+
 def test_without_a_memory_nothing_but_passive_runs(toy: Any) -> None:
     """What cannot be read cannot be put back."""
 

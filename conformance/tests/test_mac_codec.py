@@ -133,7 +133,7 @@ def test_an_answer_of_28h_may_say_014() -> None:
 
 
 @given(st.binary(max_size=40))
-@settings(max_examples=300, deadline=None, database=None, derandomize=True)
+@settings(max_examples=300, database=None, derandomize=True)
 def test_nothing_received_makes_the_parser_fail(data: bytes) -> None:
     """Whatever arrives is parsed, explained and accounted for."""
     assert codec.parse(data).raw == data
@@ -142,7 +142,7 @@ def test_nothing_received_makes_the_parser_fail(data: bytes) -> None:
 
 
 @given(st.integers(0, 255), st.integers(0, 255), st.integers(-(2**31), 2**32 - 1))
-@settings(max_examples=200, deadline=None, database=None, derandomize=True)
+@settings(max_examples=200, database=None, derandomize=True)
 def test_requests_hold_their_numbers(address: int, index: int, parameter: int) -> None:
     """A request spells its fields so that they read back."""
     frame = codec.request(address, index, parameter).encode()

@@ -19,7 +19,7 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
 )
 
 LAW = Law()
-DETERMINISTIC = settings(max_examples=200, deadline=None, database=None, derandomize=True)
+DETERMINISTIC = settings(max_examples=200, database=None, derandomize=True)
 
 
 @pytest.mark.parametrize(

@@ -96,11 +96,23 @@ def test_the_printed_reply_to_e_is_read_for_what_it_is() -> None:
     printed = codec.parse(bytes.fromhex("81 45 35 34 35 35 2E 00 2E 00 2E 00 06 81 20"))
     assert printed is not None
     assert printed.flaws == ("checksum 20h, should be 2Ah",)
-    assert printed.fields is None
+    assert (printed.fields, printed.is_dotted) == ((5455, 0, 0, 0), True)
     one_axis = codec.parse(bytes.fromhex("81 45 35 34 35 35 06 81 20"))
     assert one_axis is not None
     assert one_axis.is_sound
     assert one_axis.fields == (5455,)
+
+
+@pytest.mark.parametrize("trailer", ["06", "", "0600", "05", "00"])
+def test_a_period_and_a_null_are_a_comma_and_a_zero(trailer: str) -> None:
+    """The null behind the last period is of the value, whatever follows it (MN4-AMB-02)."""
+    packet = codec.parse(codec.data(1, "E", "5.\0,-7.\0", bytes.fromhex(trailer)))
+    assert packet is not None
+    assert packet.fields == (5, 0, -7, 0)
+    assert packet.trailer == bytes.fromhex(trailer)
+    plain = codec.parse(codec.data(1, "?", "MN400 V 1.08 / 1.04", bytes.fromhex(trailer)))
+    assert plain is not None
+    assert (plain.value, plain.is_dotted) == ("MN400 V 1.08 / 1.04", False)
 
 
 @pytest.mark.parametrize(("trailer", "check"), TRAILERS)

@@ -8,12 +8,18 @@ from typing import Any
 
 import pytest
 from mn400_board import LEDGER
-from mn400_twin import EVERYTHING, AlteredTwin, failures, judged, session_of
+from mn400_twin import EVERYTHING, URL, AlteredTwin, failures, judged, session_of
 
 from axistwin_conformance.base.verdicts import Verdict
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.family import Mn400
+from axistwin_conformance.options import make_options
+from axistwin_conformance.report.html import render
+from axistwin_conformance.report.json import event_object, fold
+from axistwin_conformance.report.plot import is_on_path
 from axistwin_conformance.transport.rig import Act, TwinRig
+from axistwin_conformance.transport.serial import SerialTransport
 
 FAMILY = Mn400()
 MODULES = ("moves", "circles", "contours", "pauses", "backlash", "measuring", "rig_limits",
@@ -216,3 +222,23 @@ def test_a_run_may_do_what_these_checks_do() -> None:
     for check in CHECKS.values():
         assert {*check.safety} <= EVERYTHING
         assert "motion" in check.safety
+
+
+@pytest.mark.strength
+def test_the_path_of_a_wrong_arc_is_in_the_report() -> None:
+    """An arc that goes the other way round: both axes of its plane, off their boxes."""
+    port = hears(("A-500,0,-1000,0,1", "A-500,0,-1000,0,-1"))()
+    options = make_options(
+        model="mn400", port=URL, allow="motion", ids=("a_clockwise_half_circle_goes_below",)
+    )
+    told: list[dict[str, Any]] = []
+    engine = Engine(options, lambda neighbours: SerialTransport(port, URL))
+    assert (
+        engine.run(lambda event: told.append(event_object(event, FAMILY.explain))).exit_status == 1
+    )
+    report = fold(told)
+    (check,) = [one for one in report["checks"] if one["motions"]]
+    (path,) = check["paths"]
+    assert path["axes"] == ["axis 1", "axis 2"]
+    assert not is_on_path(path)
+    assert "axis 2 over axis 1, outside the predicted box" in render(report)

@@ -114,7 +114,7 @@ def test_a_short_move_peaks_where_its_ramps_meet() -> None:
 
 
 @given(st.integers(1, 50_000), st.integers(2, 9000))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_time_and_way_belong_together(steps: int, speed: int) -> None:
     """The steps made when the k-th is made are k, at the start, the end and between."""
     made = ramped(steps, speed, DEFAULT_PROFILE)
@@ -126,7 +126,7 @@ def test_time_and_way_belong_together(steps: int, speed: int) -> None:
 
 
 @given(st.integers(2, 20_000), st.integers(2, 8000), st.integers(1, 99))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_pause_ends_at_the_start_speed_and_never_beyond_the_target(
     steps: int, speed: int, percent: int
 ) -> None:
@@ -163,7 +163,7 @@ def test_all_axes_end_together_and_stay_on_the_chord() -> None:
 
 
 @given(st.lists(st.integers(-900, 900), min_size=4, max_size=4), st.sampled_from((0, 1, 2)))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_every_interpolation_stays_inside_its_windows(steps: list[int], phase: int) -> None:
     """Whatever the accumulators begin with: 0, half or all but one of the ticks."""
     move = VectorMove(tuple(steps), MotionSettings(500, DEFAULT_PROFILE))
@@ -268,7 +268,7 @@ def test_a_circle_runs_at_the_end_speed_at_most_and_without_a_ramp() -> None:
 
 
 @given(st.integers(20, 400), st.integers(0, 23), st.integers(1, 23), st.sampled_from((1, -1)))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_lattice_walk_along_a_circle_stays_inside_the_windows(
     radius: int, first: int, turned: int, direction: int
 ) -> None:
@@ -390,7 +390,7 @@ segments_drawn = st.lists(
 
 
 @given(segments_drawn, st.sampled_from((0, 5, 20, 50, 300)))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_contour_keeps_all_its_bounds(segments: list[ContourSegment], margin: int) -> None:
     """MN4-CC-03, -04, -06, -09: its ends, its margin, its caps, and its time."""
     rules = ContourRules(margin, DEFAULT_PROFILE)

@@ -323,7 +323,11 @@ LOOKED_UP: dict[str, tuple[str, ...]] = {
     "every_input_has_its_value": ("limit_status_signed",),
     "the_feedrate_pot_scales_the_speed": ("feedrate_pot",),
 }
-NUMBERS = {"queue_depth": "7", "abort_exit_code": "64"}  # for a reading that is any number
+NUMBERS = {
+    "queue_depth": "7",
+    "abort_exit_code": "64",
+    "cc_capacity": "100",
+}  # for a reading that is any number
 READINGS = [
     (switch, NUMBERS[switch] if reading == "*" else reading)
     for switch in PROBES

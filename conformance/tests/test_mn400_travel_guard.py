@@ -24,7 +24,9 @@ KNOWN = {
     "cc_unsupported": "invalidcommand", "pending_move_reply": "done", "release_reply": "done",
 }  # fmt: skip
 FAMILY = Mn400()
-MOVING = {one.name: one for one in FAMILY.checks() if one.safety == ("motion",)}
+CHECKS = {one.name: one for one in FAMILY.checks()}
+MOVING = [name for name, one in CHECKS.items() if one.safety == ("motion",)]
+WORKED = [name for name, one in CHECKS.items() if set(one.safety) == {"motion", "rig"}]
 
 
 class Line:
@@ -57,6 +59,10 @@ class Line:
         start = codec.status(board, "N", codec.ReturnCode.START)
         told = codec.data(board, "N", ",".join(map(str, steps)))
         self.travel_guard.received(start + told, self.now_ns)
+
+    def work(self, name: str, still_on: tuple[str, ...] = ()) -> None:
+        """The rig works an input; `still_on`: those that are on behind it."""
+        self.travel_guard.worked(name, (self.now_ns, self.now_ns), still_on)
 
     def has_deadline(self) -> bool:
         """True while something may be moving without an end."""
@@ -298,16 +304,54 @@ def test_a_cut_supply_gives_no_travel_back(line: Line) -> None:
     assert line.refuses("M601")
 
 
+def test_a_limit_leaves_the_axes_anywhere_on_their_way(line: Line) -> None:
+    """What is relative starts there; Q and a reading tell the place again."""
+    line.say("M-400")
+    line.work("limit_minus")
+    line.at(500 - 64)
+    line.say("M100")
+    for _ in range(2):
+        line.at(500 - 64 + 100)
+    assert not line.travel_guard.is_in_doubt
+    line.say("Q")
+    line.at(500 + 36)
+    assert line.travel_guard.way_home(1) == (36, 0, 0, 0)
+    assert line.refuses("M965")
+    line.say("M-400")
+    line.work("stop")
+    line.say("M100")
+    line.at(500 + 36 + 100 + 11)
+    assert line.travel_guard.is_in_doubt, "farther than from the start of what was cut short"
+
+
+def test_while_a_limit_is_on_every_motion_may_be_cut_short(line: Line) -> None:
+    """It is on until none is, whichever was turned off; from then on moves are made whole."""
+    line.work("limit_plus", still_on=("limit_plus", "limit_minus"))
+    line.work("limit_minus", still_on=("limit_plus",))
+    line.say("M400")
+    line.say("M-100")
+    for _ in range(2):
+        line.at(400)
+    assert not line.travel_guard.runaway
+    line.say("Q")
+    line.at(400)
+    line.work("limit_plus")
+    line.say("M600")
+    line.say("M-100")
+    line.at(380)
+    assert line.travel_guard.is_in_doubt, "nothing leads below the start of a move made whole"
+
+
 # --- whole checks on a twin -----------------------------------------------------------------------
 
 
 def run_within(port: ShaftWatch, name: str, travel: int) -> tuple[Session, tuple[str, ...]]:
     """Run a check under that bound and put back what it has done; what could not be."""
     session = session_of(
-        port, MOVING[name], envelope=Envelope(travel, 5000), readings=Readings(KNOWN)
+        port, CHECKS[name], envelope=Envelope(travel, 5000), readings=Readings(KNOWN)
     )
     with contextlib.suppress(Stop, OutsideEnvelope, CannotDo):
-        MOVING[name](session)
+        CHECKS[name](session)
     memory, session.check = session.run.memory, None
     memory.touched |= {"M", "L"}
     FAMILY.stop(session)
@@ -332,6 +376,14 @@ def test_a_check_stays_inside_and_goes_home(name: str, travel: int) -> None:
     assert port.twins[0].controls["counters"].value == [0, 0, 0, 0]
 
 
+@pytest.mark.parametrize("name", WORKED)
+def test_a_sound_board_worked_by_a_rig_is_no_runaway(name: str) -> None:
+    """Its axes are home again behind each check, and nothing was held back."""
+    port = ShaftWatch()
+    session, left = run_within(port, name, 3000)
+    assert (session.run.runaway, left, port.place) == ("", (), [0, 0, 0, 0])
+
+
 def test_a_board_that_goes_twice_as_far_is_moved_once() -> None:
     """After the runaway nothing that moves is sent, and the way home is told to be open."""
     port = ShaftWatch(
@@ -346,6 +398,20 @@ def test_a_board_that_goes_twice_as_far_is_moved_once() -> None:
     assert any("away" in sentence or "from where" in sentence for sentence in left)
     with pytest.raises(OutsideEnvelope):
         session.target.send(codec.request(1, "M1"))
+
+
+@pytest.mark.strength(seconds=40)
+def test_a_run_with_stored_programs_leaves_the_axes_where_they_were() -> None:
+    """What a program moves that the suite has stored is known to be over, and brought home."""
+    port = ShaftWatch()
+    options = make_options(
+        model="mn400", port=URL, allow="motion,stored", max_travel=3000, seed=7,
+        ids=("MN4-CMD-U", "MN4-NVM", "MN4-CMD-Q-05", "MN4-CMD-PAU-03"),
+    )  # fmt: skip
+    result = Engine(options, lambda neighbours: SerialTransport(port, URL)).run(lambda event: None)
+    assert (result.exit_status, result.problems) == (0, [])
+    assert port.highest[0] > 0
+    assert port.place == [0, 0, 0, 0]
 
 
 @pytest.mark.strength(seconds=40)

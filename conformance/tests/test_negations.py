@@ -47,7 +47,7 @@ KINDS = frozenset(
         "wrong content",
     }
 )
-ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can", "msc": "zoo_msc"}
+ZOOS = {"mac_serial": "zoo", "mac_can": "zoo_can", "msc": "zoo_msc", "mn400": "zoo_mn400"}
 # Family whose requirements another's ledger covers → that family.
 COVERED = {"mac_can": "mac_serial"}
 FAMILIES = sorted(ZOOS)

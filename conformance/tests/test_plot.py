@@ -8,7 +8,16 @@ from xml.etree import ElementTree
 
 import pytest
 
-from axistwin_conformance.report.plot import BAND_POINTS, HEIGHT, WIDTH, is_inside, plot, ticks
+from axistwin_conformance.report.plot import (
+    BAND_POINTS,
+    HEIGHT,
+    WIDTH,
+    is_inside,
+    is_on_path,
+    plot,
+    plot_path,
+    ticks,
+)
 
 MS = 1_000_000
 
@@ -103,3 +112,32 @@ def test_axes_are_marked_in_round_numbers(
 ) -> None:
     """1, 2 or 5 apart."""
     assert ticks(low, high, about) == pytest.approx(expected)
+
+
+def path(*points: tuple[int, ...]) -> Any:
+    """A path of a report: readings of two axes in their boxes."""
+    return {"name": "path of axes 1 and 3", "axes": ["axis 1", "axis <3>"], "points": list(points)}
+
+
+def test_a_path_is_one_axis_over_another_on_one_scale() -> None:
+    """A circle stays one: as many steps are as long either way; what is off its box is red."""
+    inside = [(0, 0, 0, -1, 1, -1, 1), (1, 100, 0, 99, 101, -1, 1), (2, 0, 100, -1, 1, 99, 101)]
+    shown = str(plot_path(path(*inside, (3, 50, 50, 99, 101, 50, 50))))
+    (start, right, top), (off,) = places(shown, "reading"), places(shown, "reading off")
+    assert right[0] - start[0] == pytest.approx(start[1] - top[1], abs=0.2)
+    assert off[0] - start[0] == pytest.approx((right[0] - start[0]) / 2, abs=0.2)
+    assert "4 readings, 1 outside the predicted box" in shown
+    assert "axis &lt;3&gt;" in shown
+    assert all(0 <= x <= WIDTH and 0 <= y <= HEIGHT for x, y in (start, right, top, off))
+
+
+@pytest.mark.parametrize(("x", "y", "is_on"), [(9, 5, True), (11, 5, True), (8, 5, False),
+                                               (10, 6, False)])  # fmt: skip
+def test_on_the_path_is_what_was_judged(x: int, y: int, is_on: bool) -> None:
+    """Both axes within their windows."""
+    assert is_on_path(path((0, x, y, 9, 11, 5, 5))) is is_on
+
+
+def test_axes_that_stand_are_drawn_as_well() -> None:
+    """A path of one place has a scale all the same."""
+    ElementTree.fromstring(str(plot_path(path((0, 7, 7, 7, 7, 7, 7)))))

@@ -13,7 +13,7 @@ from axistwin_conformance.base import errors as suite_errors
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.core.profile import load_profile, settable
 
-LEDGERS = {"mac23": "mac_serial", "mac23-can": "mac_can", "msc-250": "msc"}
+LEDGERS = {"mac23": "mac_serial", "mac23-can": "mac_can", "msc-250": "msc", "mn400": "mn400"}
 # What a device was seen to do and no twin does: a reading of the suite alone.
 SEEN_ONLY = {("reserved_bits", "mixed"), ("mem_wrap", "other")}
 VALUES: tuple[str | int, ...] = (

@@ -44,7 +44,7 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     assert ONE.found.hex() in text
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(OPERATION, min_size=1, max_size=9).map(tuple), st.text(max_size=20))
 def test_every_recording_can_be_read_back(operations: tuple[bytes, ...], text: str) -> None:
     """Whatever stands in its words; and its hex on the command line means the same."""

@@ -14,7 +14,8 @@ from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict, merge
 from axistwin_conformance.core.profile import Detection
-from axistwin_conformance.core.session import MOTIONS_KEPT, Run, Session, Stop
+from axistwin_conformance.core.session import Run, Session, Stop
+from axistwin_conformance.core.travel import MOTIONS_KEPT
 
 LINE, FRAME = "MACS-LINE-01", "MACS-FRAME-01"
 

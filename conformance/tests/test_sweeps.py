@@ -14,7 +14,7 @@ from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.journal import Journal, run_all
 from sweeping.readings import FIXED, drawn, misread, singles
-from sweeping.runs import Setting
+from sweeping.runs import LONGEST_S, Setting
 from sweeping.sweeps import FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
 
@@ -28,6 +28,17 @@ DWRITE = bytes.fromhex("02 01 00 0D 00 00 44 57 52 49 54 45 2C 07 D8 00 00 04 D2
 SAMPLE = [
     ("mac23", 3), ("mac23", 9), ("mac23-can", 4), ("mac23-can", 6), ("msc-250", 7), ("msc-250", 9),
 ]  # fmt: skip
+# Devices that were taken for a noisy line,
+NOISY = [
+    ("mac23-can", Fault("effect", "that of d10", ("d13",))),
+    ("msc-250", Fault("reply", "longer", ("DREAD",), When(every=3), amount=3)),
+]
+# or for no module at all.
+UNKNOWN = [
+    Fault("byte of a reply", "bits flipped", at=0, amount=0x80),
+    Fault("byte of a reply", "bits flipped", at=17, amount=0xFF),
+    Fault("effect", "refused", FORMATS["mac23"].commands),
+]
 EXAMPLES = [
     ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),
     ("msc-250", DWRITE, "DWRITE", "07D8000004D2"),
@@ -173,6 +184,34 @@ def test_a_sample_of_wrong_devices_is_caught(model: str, number: int) -> None:
     setting = Setting(model, "a plain port", "quick", 300, is_exitfirst=True)
     row = FaultSweep(setting, seed=1).judge(number)
     assert row["outcome"] == "caught", row
+
+
+@pytest.mark.strength(seconds=30)
+@pytest.mark.parametrize(("model", "fault"), NOISY, ids=str)
+def test_a_device_that_is_always_wrong_is_no_noisy_line(model: str, fault: Fault) -> None:
+    """It fails, and is not given the time of a noisy line for it."""
+    setting = Setting(model, "a plain port", "quick", 300)
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["outcome"] == "caught", row
+    assert row["bench_s"] < LONGEST_S / 1.5
+
+
+@pytest.mark.strength
+@pytest.mark.parametrize("fault", UNKNOWN, ids=str)
+def test_a_module_whose_replies_are_all_wrong_in_one_byte_is_one(fault: Fault) -> None:
+    """It fails, where it was told that no module answers."""
+    setting = Setting("mac23", "a plain port", "quick", 300, is_exitfirst=True)
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["outcome"] == "caught", row
+
+
+@pytest.mark.strength
+def test_a_unit_1_alone_on_two_wires_conforms() -> None:
+    """Nothing but what is spoilt when both talk tells it from one on RS-232."""
+    row = QuirkSweep(Setting("msc-250", "a plain port", "quick", 300), seed=1).judge_readings(
+        {"transport": "rs485"}
+    )
+    assert row["outcome"] == "sound", row
 
 
 @pytest.mark.strength(seconds=60)

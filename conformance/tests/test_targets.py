@@ -12,9 +12,12 @@ from typing import Any
 
 import pytest
 import serial
+from small_scratch import small_scratch
 
 from axistwin_conformance.base.errors import TargetError, TwinCrashed, UsageError
 from axistwin_conformance.base.transcript import Direction
+from axistwin_conformance.cli import make_options
+from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.transport.kinds import LINE, choose_endpoint
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
@@ -39,6 +42,48 @@ def test_bytes_go_and_come_and_are_all_in_the_transcript(toy: Any) -> None:
     assert [(one.direction, one.data) for one in target.transcript] == [
         (Direction.HOST, b"Q"), (Direction.DEVICE, b"q"),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("model", "check"),
+    [
+        ("mn400", "every_reply_is_packets_as_the_manual_draws_them"),
+        ("msc-250", "all_flags_come_in_one_reply"),
+    ],
+)
+def test_a_look_at_what_is_upcoming_changes_nothing(
+    model: str, check: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is said, what comes of it and when is the same; it only takes fewer calls."""
+    options = make_options(model=model, ids=(check,), **small_scratch(model))
+    kinds = []
+    for looks in (True, False):
+        lines: list[SerialTransport] = []
+        if not looks:
+            monkeypatch.setattr(SerialTransport, "upcoming", b"")
+
+        def opened(neighbours: tuple[int, ...], lines: list[SerialTransport] = lines) -> Any:
+            url = options.family.twin_url(options.model, options.address, neighbours)
+            lines.append(open_target(url, 9600, is_builtin=True))
+            return lines[-1]
+
+        assert Engine(options, opened).run(lambda event: None).exit_status == 0
+        kinds.append((_said(lines), [line.now_ns for line in lines], lines))
+    (said, times, looking), (also_said, also_times, blind) = kinds
+    assert (said, times) == (also_said, also_times)
+    pieces, single = (sum(line.transcript.position for line in each) for each in (looking, blind))
+    assert pieces < single
+
+
+def _said(lines: list[SerialTransport]) -> list[tuple[bytes, bytes]]:
+    """The exchanges: what was sent, and all that came before the next."""
+    found = [(b"", b"")]
+    for record in (record for line in lines for record in line.transcript):
+        if record.direction is Direction.HOST:
+            found.append((record.data, b""))
+        elif record.direction is Direction.DEVICE:
+            found[-1] = (found[-1][0], found[-1][1] + record.data)
+    return found
 
 
 def test_in_virtual_time_a_wait_takes_exactly_its_time(toy: Any) -> None:

@@ -53,6 +53,19 @@ def test_a_reply_read_in_pieces_is_shown_whole() -> None:
     assert [one.data for one in transcript.since(0, limit=2)] == [b"!", b"d"]
 
 
+def test_the_last_request_comes_with_what_followed_it() -> None:
+    """Nothing where there is none, or one only before the last records that are looked at."""
+    transcript = filled(100, 3)
+    assert transcript.since_request(64) == ()
+    for time_ns, data in enumerate((b"?", b"!"), 10):
+        transcript.note(time_ns, Direction.HOST, data)
+    transcript.note(20, Direction.DEVICE, b"a")
+    transcript.note(21, Direction.DEVICE, b"b")
+    assert [one.data for one in transcript.since_request(64)] == [b"!", b"ab"]
+    assert len(transcript.since_request(3)) == 2
+    assert transcript.since_request(2) == ()
+
+
 def test_a_long_piece_belongs_to_the_reply_it_was_read_with() -> None:
     """136 bytes take 142 ms at 9600 baud; what comes as late without being as long is another."""
     transcript = Transcript()

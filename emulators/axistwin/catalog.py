@@ -1,13 +1,16 @@
 """What there is to be run: the models, their switches, profiles, and how lines and buses are built.
 
-Each family declares its models in ``devices/<family>/family.py``.
+Each family declares its models in ``devices/<family>/family.py``.  What only some runs need, buses
+and programs, is imported by them: a start loads what it runs.
 """
+
+from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from reprlib import repr as shown  # of any depth and length
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from axistwin import discovery
 from axistwin.devices.base import CanDevice, SerialDevice
@@ -15,14 +18,16 @@ from axistwin.devices.family import Carrier, DeviceOptions, Model, Value
 from axistwin.errors import StateError, UsageError, nearest, suggestion, with_article
 from axistwin.kernel.seed import derive_seed
 from axistwin.kernel.time import NS_PER_US, Nanos
-from axistwin.programs import Program, ProgramSource, find_program
-from axistwin.runtime.bus import Bus
-from axistwin.runtime.can_network import CanNetwork
 from axistwin.runtime.clock import Clock, PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.network import SerialNetwork
 from axistwin.runtime.simulation import Station
 from axistwin.runtime.storage import MemoryStorage, Stores
+from axistwin.wire.faults import WireFaults
+
+if TYPE_CHECKING:
+    from axistwin.programs import Program, ProgramSource
+    from axistwin.runtime.bus import Bus
 
 DEFAULT_BITRATE = 125_000
 """Of a bus, bits per second."""
@@ -209,10 +214,11 @@ def build_line(
         clock = PacedClock() if clock is None else clock
         stations = _stations(specs, quirks or {}, seed, storage, baud)
         devices = [cast(SerialDevice, station.device) for station in stations]
-        network = SerialNetwork(devices, start_ns=clock.now_ns(), paced=paced)
-        network.host_format = devices[0].line_format
         is_alike = len({model.name for model in used}) == 1
         family = used[0].family if is_alike else used[0].family.of_any_model()
+        faults = WireFaults("serial", family.explain, seed)
+        network = SerialNetwork(devices, start_ns=clock.now_ns(), paced=paced, faults=faults)
+        network.host_format = devices[0].line_format
         line = Line(network, clock, storage, stations, explain=family.explain)
         for index, program in loads.items():
             line.twins[index].load_program(program)
@@ -244,6 +250,9 @@ def build_bus(
 
     Raises UsageError and StateError; the storage is closed then.
     """
+    from axistwin.runtime.bus import Bus
+    from axistwin.runtime.can_network import CanNetwork
+
     storage = MemoryStorage() if storage is None else storage
     try:
         used = _checked_models(specs, "can", quirks or {})
@@ -252,7 +261,11 @@ def build_bus(
         clock = PacedClock() if clock is None else clock
         stations = _stations(specs, quirks or {}, seed, storage, None)
         devices = [cast(CanDevice, station.device) for station in stations]
-        network = CanNetwork(devices, bitrate=bitrate, start_ns=clock.now_ns(), paced=paced)
+        faults = WireFaults("can", used[0].explain, seed)
+        start_ns = clock.now_ns()
+        network = CanNetwork(
+            devices, bitrate=bitrate, start_ns=start_ns, paced=paced, faults=faults
+        )
         bus = Bus(network, clock, storage, stations, explain=used[0].explain)
         if cold:
             for twin in bus.twins:
@@ -267,9 +280,13 @@ def _programs_of(
     specs: Sequence[DeviceSpec], programs: Mapping[int | None, ProgramSource]
 ) -> dict[int, Program]:
     """The program of each device that gets one, by its place on the line.  Raises UsageError."""
+    if not programs:
+        return {}
+    from axistwin.programs import find_program
+
     tables = [find_model(spec.model).family.controls() for spec in specs]
     places = [place for place, table in enumerate(tables) if "load_program" in table.attributes()]
-    if programs and not places:
+    if not places:
         raise UsageError(
             f"{specs[0]} runs no program; leave it out, or name a controller such as msc-250"
         )

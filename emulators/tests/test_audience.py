@@ -102,7 +102,7 @@ def do(network: SerialNetwork, step: tuple[str, bytes, int, int]) -> object:
 
 
 @pytest.mark.strength
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.sampled_from(QUIRKS), st.lists(STEPS, min_size=1, max_size=14))
 def test_sharing_what_was_heard_changes_nothing(
     quirks: dict[str, Any], steps: list[tuple[str, bytes, int, int]]

@@ -189,6 +189,8 @@ MISTAKES = [
     ("PUT", "devices/mac23:0/controls/push", b'{"value": ' + b"9" * 9000 + b"}", 400, "parsing"),
     ("POST", "devices/mac23:0/power", {"action": "of"}, 422, "cycle"),
     ("POST", "devices/mac23:0/power", {"action": "cycle", "off_s": 21}, 422, "20"),
+    ("POST", "devices/mac23:0/power", {"action": "on", "off_s": False}, 422, "number"),
+    ("POST", "devices/mac23:0/power", {"action": "on", "off_s": "1"}, 422, "number"),
 ]
 
 
@@ -207,6 +209,29 @@ def test_a_mistake_has_one_shape(
     assert part in answer[1]["message"]
     assert "\n" not in answer[1]["message"]
     assert all(line["failure"] is None for line in api.get("lines")["lines"])
+
+
+@pytest.mark.parametrize(
+    ("path", "allowed"),
+    [
+        ("devices/mac23:0/controls/push", "GET, PUT"),
+        ("devices/mac23:0/power", "POST"),
+        ("/metrics", "GET"),
+        ("/panel/panel.js", "GET"),
+    ],
+)
+def test_a_method_that_a_path_does_not_take_is_told_with_those_it_takes(
+    api: ServedControl, path: str, allowed: str
+) -> None:
+    """All of them, whichever route is the first."""
+    url = path if path.startswith("/") else f"/api/v1/{path}"
+    answered = api.raw(
+        f"PATCH {url} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode()
+    )
+    head, _, body = answered.decode().partition("\r\n\r\n")
+    assert head.startswith("HTTP/1.1 405")
+    assert f"allow: {allowed}\r\n" in f"{head}\r\n".lower().replace(allowed.lower(), allowed)
+    assert json.loads(body)["error"] == "method_not_allowed"
 
 
 def test_a_value_out_of_range_is_told_with_the_range(api: ServedControl) -> None:
@@ -331,7 +356,7 @@ def test_the_schema_tells_everything(api: ServedControl) -> None:
     schema = api.get("/openapi.json")
     paths = {path for path in schema["paths"] if path.startswith("/api/v1/")}
     assert "/api/v1/devices/{device}/controls/{control}" in paths
-    assert len(paths) == 8
+    assert len(paths) == 10
     problems = schema["components"]["schemas"]["Problem"]["properties"]
     assert all("description" in field for field in problems.values())
     for methods in schema["paths"].values():

@@ -15,8 +15,8 @@ import serial
 from msc_bench import rqstat
 
 from axistwin import testing
+from axistwin.devices.program_traces import ProgramFailed
 from axistwin.devices.snapshot import Snapshot
-from axistwin.devices.traces import ProgramFailed
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.macroprogram import Macroprogram, Output, Steps, UserFlag, Variable

@@ -18,6 +18,11 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "how-to" / "work-a-daemon.md"
 SCRIPT = Path(__file__).parent / "support" / "old_program.sh"
 RUN = ("--control", "127.0.0.1:0", "--json")
+RACK = """
+control.address = "127.0.0.1:0"
+line = [{ name = "line", devices = "mac23", pty = "./mac23" }]
+bus = [{ name = "bus", devices = "mac23-can", slcan = "./mac23-can" }]
+"""
 
 
 @pytest.fixture(scope="module")
@@ -207,9 +212,10 @@ def test_a_watcher_is_told_that_the_daemon_has_ended(tmp_path: Path) -> None:
 
 @pytest.mark.strength(seconds=40)
 def test_an_old_program_lives_its_whole_life_against_a_daemon(tmp_path: Path) -> None:
-    """Home, limit, fault, and a lost supply: all provoked from a shell, none by Python."""
-    with daemon(tmp_path, "mac23", *RUN) as process:
-        address = process.event()["control"].removeprefix("http://")
+    """Home, limit, fault, a lost supply, and an emergency on CAN: all provoked from a shell."""
+    (tmp_path / "rack.toml").write_text(RACK)
+    with daemon(tmp_path, "rack.toml", "--json", command="rack") as process:
+        address = [process.event() for _ in range(2)][1]["control"].removeprefix("http://")
         done = subprocess.run(
             ["bash", str(SCRIPT)],
             cwd=tmp_path,
@@ -220,7 +226,7 @@ def test_an_old_program_lives_its_whole_life_against_a_daemon(tmp_path: Path) ->
             timeout=300,
         )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.splitlines() == ["home", "limit", "fault", "supply", "alive"]
+    assert done.stdout.splitlines() == [*("home", "limit", "fault", "supply", "emergency", "alive")]
 
 
 def shown_commands() -> Iterator[tuple[str, str]]:

@@ -25,6 +25,7 @@ CONTOUR_PAGE = ROOT / "docs" / "how-to" / "drive-a-contour.md"
 RUN_ELSEWHERE = {
     ROOT / "docs" / "how-to" / "use-pyserial.md": 2,  # blocks, by test_url_lines.py
     ROOT / "docs" / "how-to" / "run-on-can.md": 1,  # by test_run_can.py
+    ROOT / "docs" / "how-to" / "break-the-wire.md": 1,  # by test_wire_faults_served.py
 }
 
 

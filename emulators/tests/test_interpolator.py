@@ -10,7 +10,7 @@ from axistwin.motion.interpolator import Interpolator, Segment, Step, Underrun
 from axistwin.motion.ramp import stop_pieces
 from axistwin.motion.trajectory import TICK_NS, Leg, Piece, StepPhase
 
-SETTINGS = settings(max_examples=100, deadline=None)
+SETTINGS = settings(max_examples=100)
 SEGMENTS = st.builds(Segment, st.integers(-20, 20), st.integers(1, 50), st.booleans())
 LONG = Segment(1000, 1000)
 

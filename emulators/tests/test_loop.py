@@ -7,10 +7,12 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
 
 import pytest
 
-from axistwin.runtime.serving.loop import Loop
+from axistwin.runtime.serving.loop import Loop, LoopShare
 
 
 @pytest.fixture
@@ -219,3 +221,46 @@ def test_a_second_signal_before_there_is_a_server_breaks_the_start_off() -> None
         loop.has_server = True
         os.kill(os.getpid(), signal.SIGTERM)
         loop.run()
+
+
+def test_the_failure_of_a_watched_descriptor_is_told_to_its_share_alone(
+    loop: Loop, pair: Pair
+) -> None:
+    """The loop goes on, for readers and for writers."""
+    near, far = pair
+    errors: list[Exception] = []
+    share = LoopShare(loop, errors.append)
+
+    def fail() -> None:
+        share.remove_reader(near)
+        share.remove_writer(near)
+        raise ValueError
+
+    share.add_reader(near, fail)
+    far.sendall(b"a")
+    run_for(loop, 0.01)
+    share.add_writer(near, fail)
+    run_for(loop, 0.01)
+    assert [type(error) for error in errors] == [ValueError, ValueError]
+
+
+def test_an_open_is_told_to_who_watches_the_file_until_that_is_removed(
+    loop: Loop, tmp_path: Path
+) -> None:
+    """Of two files each has its own callback, and one may remove the other's."""
+    paths = [tmp_path / name for name in "ab"]
+    opened: list[str] = []
+    numbers = []
+    for path in paths:
+        path.touch()
+        numbers.append(loop.add_open_watch(str(path), partial(opened.append, path.name)))
+    paths[1].read_bytes()
+    run_for(loop, 0.01)
+    assert opened == ["b"]
+    loop.remove_open_watch(numbers[1])
+    for path in paths:
+        path.read_bytes()
+    paths[0].unlink()
+    run_for(loop, 0.01)
+    assert opened == ["b", "a"]
+    loop.remove_open_watch(numbers[0])

@@ -39,7 +39,7 @@ def segment(bench: MacBench, index: int, steps: int, period_ticks: int = 0x400) 
     bench.do(index, (steps & 0xFFFF) << 16 | period_ticks)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(["end", "start"]), st.sampled_from(["etx", "reply_end"]), SEGMENTS)
 def test_segments_end_on_the_sum_of_their_steps(
     phase: str, start: str, segments: list[tuple[int, int, bool]]

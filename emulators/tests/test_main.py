@@ -146,3 +146,33 @@ def test_a_program_that_imports_the_package_keeps_its_ctrl_c() -> None:
         "assert signal.getsignal(signal.SIGINT) is signal.default_int_handler\n"
     )
     subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+
+
+def test_a_plain_run_loads_only_what_it_needs(tmp_path: Path) -> None:
+    """No bus, program, control API, rack file, plot, suite or their libraries: a start is quick."""
+    command = [
+        sys.executable,
+        "-X",
+        "importtime",
+        "-m",
+        "axistwin",
+        "run",
+        "mac23",
+        "--pty",
+        "port",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("ready")
+        process.terminate()
+        _, errors = process.communicate(timeout=60)
+    lines = [line for line in errors.splitlines() if line.startswith("import time:")]
+    loaded = {line.rpartition("|")[2].strip() for line in lines}
+    assert "axistwin.runtime.line" in loaded
+    ours = ("control", "runtime.bus", "wire.can_bus", "programs", "macroprogram", "cli.rack")
+    unwanted = {*(f"axistwin.{name}" for name in (*ours, "cli.plot", "canbus", "hid"))}
+    unwanted |= {"axistwin_conformance", "pydantic", "hid", "can", "fastapi", "matplotlib"}
+    unwanted |= {"asyncio", "logging", "concurrent.futures", "difflib"}
+    assert not loaded & unwanted

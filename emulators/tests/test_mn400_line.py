@@ -93,7 +93,7 @@ def test_gaps_within_a_packet_do_not_break_it() -> None:
     assert told(heard) == "S 0,0,0,0"
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(st.data())
 def test_how_a_stream_is_cut_changes_nothing(data: st.DataObject) -> None:
     """Arbitrary stretches below the time limit."""
@@ -108,7 +108,7 @@ def test_how_a_stream_is_cut_changes_nothing(data: st.DataObject) -> None:
     assert told(heard) == "S D S 1,2,3,4 S PE S MN400 V 1.08 / 1.04"
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(st.binary(max_size=60))
 def test_after_any_garbage_and_the_time_limit_a_poll_is_answered(garbage: bytes) -> None:
     """The link is ready again (MN4-ERR-05, MN4-PKT-15)."""

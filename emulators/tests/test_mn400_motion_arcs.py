@@ -99,7 +99,7 @@ def check_steps(motion: VectorMotion, center: Point, destination: Point) -> None
 
 @pytest.mark.strength
 @given(arcs(), st.sampled_from(["dominant_tick", "tangential"]))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_an_arc_ends_exactly_and_stays_by_its_circle(
     given: tuple[Point, Point, bool], rate: str
 ) -> None:
@@ -127,7 +127,7 @@ def tolerated(draw: st.DrawFn) -> tuple[Point, Point, bool]:
 
 @pytest.mark.strength
 @given(tolerated())
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 def test_any_accepted_destination_is_reached(given: tuple[Point, Point, bool]) -> None:
     """Also where rounding is all there is of a circle, end and tolerance are kept."""
     center, destination, _ = given
@@ -137,7 +137,7 @@ def test_any_accepted_destination_is_reached(given: tuple[Point, Point, bool]) -
 
 @pytest.mark.strength
 @given(arcs())
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_an_arc_sweeps_its_angle_in_its_direction(given: tuple[Point, Point, bool]) -> None:
     """Summed up over the points, the angle is that of the ledger, to what rounding hides."""
     center, destination, clockwise = given
@@ -154,7 +154,7 @@ def test_an_arc_sweeps_its_angle_in_its_direction(given: tuple[Point, Point, boo
 
 
 @given(arcs())
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_both_directions_to_one_point_make_a_whole_turn(given: tuple[Point, Point, bool]) -> None:
     """The ticks of both add up to those of the circle, to what rounding hides (P11)."""
     center, destination, _ = given
@@ -167,7 +167,7 @@ def test_both_directions_to_one_point_make_a_whole_turn(given: tuple[Point, Poin
 
 
 @given(arcs(200))
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_mirrored_arcs_are_mirrored(given: tuple[Point, Point, bool]) -> None:
     """With y and the direction turned round, the same points come at the same times."""
     center, destination, clockwise = given
@@ -188,7 +188,7 @@ def test_mirrored_arcs_are_mirrored(given: tuple[Point, Point, bool]) -> None:
 
 
 @given(st.integers(1, 10**9))
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 def test_the_lattice_circle_inverts_its_own_formulas(squared: int) -> None:
     """Ticks of steps and steps of ticks agree anywhere on a circle of any size."""
     circle = LatticeCircle.of(squared)
@@ -254,7 +254,7 @@ def test_arcs_run_without_a_ramp_and_pause_at_once() -> None:
 
 
 @given(arcs(100), st.integers(-900, 900), st.integers(0, 3), st.integers(0, 1000))
-@settings(max_examples=120, deadline=None, derandomize=True)
+@settings(max_examples=120, derandomize=True)
 def test_a_helix_traverses_in_proportion_to_the_angle(
     given: tuple[Point, Point, bool], traverse: int, turns: int, share: int
 ) -> None:
@@ -343,7 +343,7 @@ def test_an_arc_on_pulses_makes_a_tick_with_each() -> None:
 
 
 @given(arcs(100), st.integers(-300, 300), st.integers(0, 2), st.integers(0, 1000))
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_a_paused_helix_loses_no_step(
     given: tuple[Point, Point, bool], traverse: int, turns: int, share: int
 ) -> None:
@@ -359,7 +359,7 @@ def test_a_paused_helix_loses_no_step(
 
 
 @given(arcs(100), st.integers(-300, 300), st.integers(0, 1000))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 def test_the_next_step_in_a_direction_is_found_behind_a_turn(
     given: tuple[Point, Point, bool], traverse: int, share: int
 ) -> None:

@@ -65,7 +65,7 @@ def interrupted(motion: VectorMotion, breaks: Sequence[tuple[int, int]]) -> Reco
 
 @pytest.mark.strength
 @given(motions, interruptions)
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 def test_pauses_anywhere_lose_and_add_no_step(
     motion: VectorMotion, breaks: Sequence[tuple[int, int]]
 ) -> None:
@@ -81,7 +81,7 @@ def test_pauses_anywhere_lose_and_add_no_step(
 
 @pytest.mark.strength
 @given(made, st.integers(2, 12_000), displacements, interruptions)
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_pauses_never_make_a_motion_faster(
     settings: MoveSettings,
     speed: int,
@@ -98,7 +98,7 @@ def test_pauses_never_make_a_motion_faster(
 
 
 @given(profiles, st.integers(2, 12_000), st.integers(2, 4000), st.integers(0, 1000))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_a_pause_brakes_at_the_profiles_rate_to_start_speed(
     profile: SpeedProfile, speed: int, steps: int, share: int
 ) -> None:
@@ -178,7 +178,7 @@ def test_quit_while_paused_drops_the_rest() -> None:
 
 
 @given(motions, st.integers(0, 1000), st.integers(0, 3))
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_a_halted_axis_stands_and_the_others_arrive(
     motion: VectorMotion, share: int, axis: int
 ) -> None:
@@ -195,7 +195,7 @@ def test_a_halted_axis_stands_and_the_others_arrive(
 
 @pytest.mark.strength
 @given(motions, st.integers(0, 1000))
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80, derandomize=True)
 def test_the_next_step_towards_a_limit_is_the_first_one(motion: VectorMotion, share: int) -> None:
     """``next_step`` agrees with the list of the steps, in both directions."""
     at_ns = motion.since_ns + (end(motion) - motion.since_ns) * share // 1000
@@ -210,7 +210,7 @@ def test_the_next_step_towards_a_limit_is_the_first_one(motion: VectorMotion, sh
 
 @pytest.mark.strength
 @given(motions, st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 1000)), max_size=5))
-@settings(max_examples=120, deadline=None, derandomize=True)
+@settings(max_examples=120, derandomize=True)
 def test_the_feed_rate_changes_the_time_and_nothing_else(
     motion: VectorMotion, changes: Sequence[tuple[int, int]]
 ) -> None:
@@ -229,7 +229,7 @@ def test_the_feed_rate_changes_the_time_and_nothing_else(
 
 
 @given(motions, st.integers(0, 1000))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_planning_anew_at_the_same_speed_changes_nothing(motion: VectorMotion, share: int) -> None:
     """From any state the new plan is the rest of the old one, to some nanoseconds."""
     at_ns = motion.since_ns + (end(motion) - motion.since_ns) * share // 1000
@@ -399,7 +399,7 @@ whole_contours = st.lists(
     changes=[(309, "resume"), (806, "pause"), (23, "feed"), (192, "resume"), (360, "pause")],
     permille=230,
 )
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 def test_no_change_exceeds_speed_acceleration_or_margin(
     parts: Sequence[ContourSegment],
     profile: SpeedProfile,

@@ -164,7 +164,7 @@ def relaxed(
 
 @pytest.mark.strength
 @given(contours, profiles, st.integers(0, 300))
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=250, derandomize=True)
 def test_the_plan_is_the_greatest_that_the_rules_allow(
     parts: Sequence[ContourSegment], profile: SpeedProfile, margin: int
 ) -> None:
@@ -200,7 +200,7 @@ def test_a_junction_that_turns_out_hard_holds_back_what_follows() -> None:
 
 @pytest.mark.strength
 @given(contours, profiles, st.integers(0, 300), st.sampled_from([1, 2, 4]))
-@settings(max_examples=120, deadline=None, derandomize=True)
+@settings(max_examples=120, derandomize=True)
 def test_a_contour_arrives_between_the_fastest_and_the_separate_moves(
     parts: Sequence[ContourSegment], profile: SpeedProfile, margin: int, multiplex: int
 ) -> None:
@@ -226,7 +226,7 @@ def made_at(made: MoveSettings, speed: int) -> MoveSettings:
 
 
 @given(contours, st.integers(0, 300))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 def test_a_mirrored_contour_is_mirrored(parts: Sequence[ContourSegment], margin: int) -> None:
     """Signs change nothing but the signs of the positions."""
     here = contour(0, MoveSettings(), parts, margin)
@@ -239,7 +239,7 @@ def test_a_mirrored_contour_is_mirrored(parts: Sequence[ContourSegment], margin:
 
 
 @given(contours, st.integers(0, 100))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 def test_the_fourth_axis_changes_no_speed_at_a_junction(
     parts: Sequence[ContourSegment], margin: int
 ) -> None:

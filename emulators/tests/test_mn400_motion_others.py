@@ -342,7 +342,7 @@ def test_pulses_counted_are_pulses_that_came(rate: int, turn: int, moments: Sequ
     st.integers(1000, 10**7),
     st.lists(st.integers(0, 10**8), min_size=2, max_size=6),
 )
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_pauses_on_pulses_lose_pulses_but_no_step(
     displacement: tuple[int, int, int, int], rate: int, moments: Sequence[int]
 ) -> None:

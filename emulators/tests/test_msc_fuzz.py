@@ -84,7 +84,7 @@ def sent_byte_by_byte(data: bytes, units: tuple[int, ...], quirks: dict[str, Any
     return device.sent
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(STREAMS, SETTINGS, TIMES, st.sampled_from([(1,), (2,)]), st.integers(0, 2**32))
 def test_pieces_and_looks_change_nothing(
     data: bytes, quirks: dict[str, Any], times: dict[str, Any], units: tuple[int, ...], seed: int
@@ -98,7 +98,7 @@ def test_pieces_and_looks_change_nothing(
     assert bench.sent == sent_byte_by_byte(data, units, quirks)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(STREAMS, STREAMS, SETTINGS, TIMES)
 def test_the_quiet_prefix_is_quiet(
     before: bytes, data: bytes, quirks: dict[str, Any], times: dict[str, Any]
@@ -128,7 +128,7 @@ def test_the_quiet_prefix_is_quiet(
         assert changed is None or due is None or changed >= min(due, arrival_ns)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.sampled_from([rqstat(), dread(8), bwrite(8, range(32)), broken(rqstat()), rflags()]),
     st.lists(st.integers(0, 60), max_size=6),
@@ -156,7 +156,7 @@ def test_any_one_bit_behind_the_header_draws_one_nak(raw: bytes) -> None:
             assert bench.tell(bytes(changed), 3000) == NAK
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 0x1FFF), st.integers(1, 200))
 def test_bytes_that_change_places_go_unnoticed(number: int, shift: int) -> None:
     """The sum is weak (MSC-PROP-05): what is read is what the bytes now say."""
@@ -171,7 +171,7 @@ def test_bytes_that_change_places_go_unnoticed(number: int, shift: int) -> None:
     assert bench.tell(bytes(raw))[-6:-2] == (77).to_bytes(4, "big")
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(STREAMS, SETTINGS)
 def test_without_pacing_nothing_breaks_either(data: bytes, quirks: dict[str, Any]) -> None:
     """Bytes that take no time: no exception, and the unit is serviceable afterwards."""

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from program_bench import BAD_OPCODE, RUNNING, ProgramBench
 
-from axistwin.devices.traces import ProgramFailed, ProgramStarted, ProgramStopped
+from axistwin.devices.program_traces import ProgramFailed, ProgramStarted, ProgramStopped
 from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.macroprogram import (
@@ -16,6 +16,7 @@ from axistwin.macroprogram import (
     Input,
     Macroprogram,
     Output,
+    ScanCount,
     Steps,
     Timer,
     UserFlag,
@@ -100,6 +101,63 @@ def test_looks_do_not_change_what_scans_do() -> None:
     for milliseconds in range(1001):
         often.at(milliseconds)
     assert often.value(2000) == ProgramBench(Ticks).at(1000).value(2000) == 101
+
+
+class Watcher(Macroprogram):
+    """Acknowledges each value that the host writes, and has its scans counted."""
+
+    wanted = Variable(2000)
+    seen = Variable(2004)
+    scans = ScanCount(2008)
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def is_new(self) -> bool:
+        """Whether there is a value to acknowledge."""
+        self.asked += 1
+        return self.wanted != self.seen
+
+    def run(self) -> Steps:
+        """One value after the other."""
+        while True:
+            yield until(self.is_new, is_steady=True)
+            self.seen = self.wanted
+
+
+def test_a_program_that_waits_for_data_is_not_asked_in_each_scan_and_its_scans_are_counted() -> (
+    None
+):
+    """An hour of scans costs a look; a value is seen in the scan behind it."""
+    bench = ProgramBench(Watcher).at(3_600_000)
+    assert bench.value(2008) == 360_001
+    program = bench.runner.instance
+    assert isinstance(program, Watcher)
+    assert program.asked < 10
+    bench.data.write(2000, 7)
+    assert bench.at(3_600_009).value(2004) == 0
+    assert (bench.at(3_600_010).value(2004), bench.value(2008)) == (7, 360_002)
+
+
+def test_looks_do_not_change_how_many_scans_are_counted() -> None:
+    """Looked at often, or once."""
+    often = ProgramBench(Watcher)
+    for milliseconds in range(1001):
+        often.at(milliseconds)
+    assert often.value(2008) == ProgramBench(Watcher).at(1000).value(2008) == 101
+
+
+def test_a_program_cannot_set_the_count_of_its_scans() -> None:
+    """It is a script error, and the scan is not done."""
+
+    class Program(Watcher):
+        def run(self) -> Steps:
+            self.scans = 5
+            yield
+
+    bench = ProgramBench(Program).at(0)
+    assert "the controller counts its scans there" in (bench.runner.error or "")
+    assert bench.value(2008) == 0
 
 
 ACTIONS = st.lists(

@@ -55,7 +55,7 @@ def stepped(line: Line, data: bytes, size: int, patience_ns: Nanos) -> tuple[Nan
     ("devices", "program"),
     [(("msc-250",), ""), (("msc-250",), "bench"), (("msc-250:1", "msc-250:2"), "")],
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(steps=STEPS)
 def test_asking_is_sending_and_waiting(
     devices: tuple[str, ...], program: str, steps: list[tuple[bytes, int, int]]

@@ -425,7 +425,7 @@ def drive(
 
 
 @pytest.mark.strength
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(requests, skews, st.lists(st.integers(0, 60 * BYTE_NS), max_size=20), st.booleans())
 def test_where_time_pauses_changes_nothing(
     script: list[tuple[int, bytes]], skew_ns: int, stops: list[int], paced: bool
@@ -445,7 +445,7 @@ class SampledLine(SerialLine):
 
 
 @pytest.mark.strength
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(requests, skews)
 def test_stretches_change_nothing(script: list[tuple[int, bytes]], skew_ns: int) -> None:
     """A world of bits and a world of stretches cannot be told apart."""
@@ -548,7 +548,7 @@ def exchanges(network: SerialNetwork, script: list[Step], gap_ns: int) -> list[o
 
 
 @pytest.mark.strength
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     steps, st.sampled_from([-LATENCY_NS, 0]), st.sampled_from([0, 1000, LATENCY_NS]), st.booleans()
 )

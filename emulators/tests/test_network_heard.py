@@ -31,7 +31,7 @@ def heard_in_steps(line: SerialNetwork, count: int, limit_ns: int) -> int:
     return line.now_ns
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(1, 3),
     st.booleans(),

@@ -3,7 +3,7 @@
 import re
 import shutil
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -12,10 +12,12 @@ from served_control import TIMEOUT_S, ServedControl
 
 from axistwin.catalog import find_model
 from axistwin.control.panel import HEADERS, read_page
+from axistwin.runtime.line import Line
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 TOKEN = "+/0123456789abcdef=?"
 BOARD = "mn400:1"
+POSITION = b"\x0201400200000000000A2\x03"
 
 pytestmark = [
     pytest.mark.system,
@@ -98,6 +100,31 @@ def test_a_limit_switch_stops_the_axis(page: Page) -> None:
     expect(page.locator("[data-reading='counters']")).not_to_have_text("0, 0, 0, 0")
     for control in ("inputs.m1_plus", "inputs.jog_m1_plus", "inputs.run_jog"):
         switch(page, control)
+
+
+def test_a_fault_on_the_wire_is_added_counted_and_removed(
+    page: Page, served: ServedControl
+) -> None:
+    """Two replies are lost: the retries are counted, and stand in the events."""
+    show(page, "mac34-1:5")
+    form = page.get_by_role("form", name="Add a fault")
+    form.get_by_label("Kind").select_option("drop")
+    form.get_by_label("Direction").select_option("to_host")
+    form.get_by_label("Times").fill("2")
+    form.get_by_role("button", name="Add").click()
+    done = page.locator("[data-fault]")
+    expect(done).to_have_text("seen 0, acted 0")
+    line = cast(Line, served.lines[0])
+    for _ in range(3):  # a program that asks again
+        line.exchange(POSITION)
+        line.advance(50_000_000)
+    expect(done).to_contain_text("seen 2, acted 2, over; lost: 06 13")
+    expect(page.locator(".log")).to_contain_text("lost: 06 13")
+    page.get_by_role("button", name="Remove fault").click()
+    expect(done).to_have_count(0)
+    form.get_by_label("Kind").select_option("error_frame")
+    form.get_by_role("button", name="Add").click()
+    expect(page.locator("#problem")).to_contain_text("not for a serial line")
 
 
 def test_the_supply_is_cut_and_restored(page: Page) -> None:

@@ -14,7 +14,7 @@ from axistwin.motion.plant import Load, Plant
 from axistwin.motion.ramp import Ramp, RampedMotion, RampRules
 from axistwin.motion.trajectory import TICK_NS, StepPhase
 
-SETTINGS = settings(max_examples=60, deadline=None)
+SETTINGS = settings(max_examples=60)
 MS = 1_000_000
 HELD = Load(held=True)
 FREE = Load()

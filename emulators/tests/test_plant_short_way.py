@@ -48,7 +48,7 @@ def _happen(shaft: Plant, event: str, now: int, number: int) -> None:
             shaft.cut_power(now)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(MECHANICS, EVENTS, st.integers(-60, 60))
 def test_the_short_way_to_a_span_leads_to_the_same_answers(
     mechanics: Mechanics | None, events: list[tuple[str, int, int]], place: int

@@ -10,6 +10,7 @@ import time
 import tty
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 import serial
@@ -19,6 +20,10 @@ from served import EVERY_BYTE, TIMEOUT_S, Served, eventually
 from axistwin.errors import PortError
 from axistwin.ports.link import Link
 from axistwin.ports.pty import PtyPort
+from axistwin.runtime.line import Line
+from axistwin.runtime.serving.line_server import Server
+from axistwin.runtime.serving.opens import OpenWatches
+from axistwin.runtime.serving.rack import Rack
 from axistwin.wire.framing import LineFormat
 
 pytestmark = pytest.mark.system
@@ -323,3 +328,52 @@ def test_the_rest_of_a_client_that_closes_is_not_left_to_the_next(bench: Bench) 
     time.sleep(0.1)
     assert bench.names() == ["connected", "disconnected"]
     assert len(bench.line.heard) == kept
+
+
+def inotify_instances() -> int:
+    """How many of them this process has."""
+    links = [
+        str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()
+    ]
+    return sum("inotify" in link for link in links)
+
+
+def test_two_hundred_ptys_of_one_loop_take_one_inotify_instance(tmp_path: Path) -> None:
+    """Each notices its own client; a user may have no more than 128 instances."""
+    before, events = inotify_instances(), list[Any]()
+    rack = Rack()
+    ports = [PtyPort(str(tmp_path / str(number)), OWN_FORMAT) for number in range(200)]
+    line = cast(Line, EchoLine(OWN_FORMAT))
+
+    def names() -> list[str]:
+        return [event["event"] for event in tuple(events)]
+
+    rack.add(Server(line, ports, loop=rack.loop, report=events.append))
+    rack.start()
+    try:
+        assert inotify_instances() == before + 1
+        for number in (0, 137, 199, 0):
+            with opened(ports[number].url) as fd:
+                os.write(fd, b"x")
+                assert os.read(fd, 1) == b"x"
+            assert eventually(lambda: names()[-1:] == ["disconnected"])
+            assert {event["url"] for event in events} == {ports[number].url}
+            events.clear()
+    finally:
+        rack.stop()
+    assert inotify_instances() == before
+
+
+def test_a_kernel_that_notices_no_clients_is_a_port_error_at_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It names the limit; link and pty are gone again."""
+
+    def refuse(*_: object) -> int:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(OpenWatches, "add", refuse)
+    bench = Bench(tmp_path / "port")
+    with pytest.raises(PortError, match=r"Too many open files.*max_user_instances"):
+        bench.rack.start()
+    assert not os.path.lexists(bench.link)

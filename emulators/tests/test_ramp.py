@@ -24,7 +24,7 @@ from axistwin.motion.ramp import (
 from axistwin.motion.trajectory import TICK_NS, Piece, StepPhase
 
 P800 = [12800, 6400, 4267, 3200, 2560, 2133, 1829, 1600, 1422, 1280, 1164, 1067, 985, 914, 853]
-SETTINGS = settings(max_examples=100, deadline=None)
+SETTINGS = settings(max_examples=100)
 RULES = st.builds(
     RampRules,
     st.sampled_from(RampLaw),

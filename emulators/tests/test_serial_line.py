@@ -414,7 +414,7 @@ def without_queueing(formats: Sequence[LineFormat], sent: list[Sent]) -> list[Se
 
 
 @pytest.mark.strength
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(some_formats, some_sent)
 @example([F38400, F9600], [Sent(0, 0, b"z\0\0\0\x10")])  # samples fall exactly on edges
 def test_everybody_hears_what_exact_arithmetic_says(
@@ -481,7 +481,7 @@ def play(line: SerialLine, script: list[tuple[int, Action]], stops: list[int], m
 
 
 @pytest.mark.strength
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(actions, st.lists(st.integers(0, 40 * BYTE_NS), max_size=12), st.integers(1, 5))
 def test_stretches_and_bits_give_the_same_bytes_at_the_same_nanoseconds(
     script: list[tuple[int, Action]], stops: list[int], most: int
@@ -495,7 +495,7 @@ def test_stretches_and_bits_give_the_same_bytes_at_the_same_nanoseconds(
 
 
 @pytest.mark.strength
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(actions, st.integers(0, 2), st.lists(st.integers(0, 4 * BYTE_NS), max_size=3))
 def test_the_next_arrival_is_foretold(
     script: list[tuple[int, Action]], station: int, waits: list[int]

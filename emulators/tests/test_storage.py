@@ -108,7 +108,7 @@ steps = st.one_of(
 
 
 @pytest.mark.strength
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(steps, max_size=12))
 def test_whatever_is_written_in_whatever_way_is_found_again(
     tmp_path_factory: pytest.TempPathFactory, history: list[Any]

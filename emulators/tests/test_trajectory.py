@@ -44,7 +44,7 @@ def walked_ends(trajectory: Trajectory) -> list[int]:
     return [trajectory.start_ns + ticks * TICK_NS for ticks in accumulate(periods)]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(trajectories(), st.data())
 def test_closed_form_agrees_with_adding_up_increments(
     trajectory: Trajectory, data: st.DataObject
@@ -65,7 +65,7 @@ def test_closed_form_agrees_with_adding_up_increments(
     assert trajectory.period_at(now) == expected
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(trajectories())
 def test_count_and_time_are_inverse_to_the_nanosecond(trajectory: Trajectory) -> None:
     """At the instant of step n the count is n, and n-1 a nanosecond before."""
@@ -80,7 +80,7 @@ def test_count_and_time_are_inverse_to_the_nanosecond(trajectory: Trajectory) ->
         assert trajectory.completed_at(end_ns - 1) == n - 1
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(trajectories(), st.data())
 def test_a_cut_trajectory_runs_alike_and_then_rests(
     trajectory: Trajectory, data: st.DataObject
@@ -97,7 +97,7 @@ def test_a_cut_trajectory_runs_alike_and_then_rests(
     assert cut.increments_at(trajectory.end_ns + 10**9) == n
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(trajectories(), st.data())
 def test_reach_is_the_first_time_at_a_displacement(
     trajectory: Trajectory, data: st.DataObject
@@ -117,7 +117,7 @@ def test_reach_is_the_first_time_at_a_displacement(
         assert reached is None
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(trajectories(), st.data())
 def test_legs_are_seamless_and_end_at_rest(trajectory: Trajectory, data: st.DataObject) -> None:
     """Each leg starts where and when the one before ended; the last is endless rest."""
@@ -187,7 +187,7 @@ def test_merging_joins_equal_neighbours_and_drops_empty_ones() -> None:
     assert first_increments(merged(pieces), 0) == ()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(trajectories(), DIRECTIONS, st.integers(0, 5_000_000))
 def test_when_it_heads_somewhere_is_told_without_a_walk(
     trajectory: Trajectory, direction: int, from_ns: int

@@ -130,7 +130,7 @@ DRIVES = st.lists(
 
 
 @pytest.mark.strength
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(DRIVES, FORMATS, st.just(0) | st.integers(0, 3_000_000 << FINE_BITS), st.integers(1, 9))
 def test_runs_of_levels_give_what_every_instant_looked_at_gives(
     drives: list[tuple[int, int, LineFormat, bytes, str, int]],

@@ -102,7 +102,7 @@ STEPS = st.tuples(
 
 
 @pytest.mark.strength
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(URLS), st.lists(STEPS, min_size=1, max_size=12), st.booleans())
 def test_an_exchange_is_a_write_and_a_read(
     url: str, steps: list[tuple[bytes, int, float, float]], reads_all: bool
@@ -163,7 +163,7 @@ MSC_STEPS = st.tuples(
 
 
 @pytest.mark.strength
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.sampled_from(MSC_URLS), st.lists(MSC_STEPS, min_size=1, max_size=12))
 def test_controllers_answer_the_same_the_short_way(
     url: str, steps: list[tuple[bytes, int, float, float, str]]
@@ -257,7 +257,7 @@ def test_where_more_is_going_on_an_exchange_is_the_same_too(
     assert is_short or all(each is None for each in outcomes)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(URLS), st.lists(STEPS, min_size=1, max_size=8))
 def test_a_read_in_virtual_time_is_a_wait_and_a_look(
     url: str, steps: list[tuple[bytes, int, float, float]]
@@ -316,3 +316,23 @@ def test_a_write_and_a_read_take_the_short_way(monkeypatch: pytest.MonkeyPatch) 
         side.port.write(QUERY)
         assert len(side.port.read(ANSWER_LENGTH)) == ANSWER_LENGTH
     assert [len(each or b"") for each in outcomes] == [ANSWER_LENGTH] * 3
+
+
+@pytest.mark.parametrize("most", [1, 3, 25])
+def test_what_is_upcoming_is_what_is_read_next(most: int) -> None:
+    """A look ahead takes no time, and tells what is certain to come, nothing else."""
+    port: Any = serial.serial_for_url("axistwin://mac23?time=virtual", baudrate=38400, timeout=1)
+    port.advance(3)
+    assert len(port.exchange(QUERY, ANSWER_LENGTH, 1)[1]) == ANSWER_LENGTH
+    port.write(QUERY)
+    assert port.upcoming == b""  # the request is under way
+    read, seen = b"", 0
+    while piece := port.read(min(most, len(port.upcoming) or 1)):
+        read += piece
+        before_ns, upcoming = port.virtual_time_ns, port.upcoming
+        assert port.virtual_time_ns == before_ns
+        seen = max(seen, len(upcoming))
+        assert len(read + upcoming) <= ANSWER_LENGTH
+        assert port.line._network.host_upcoming == upcoming
+    assert len(read) == ANSWER_LENGTH
+    assert seen == ANSWER_LENGTH - 1

@@ -1,6 +1,7 @@
 """What a run tells while it goes: plain values, consumed by reporters and nobody else.
 
-Order: RunStarted, [Identified], (CheckStarted, FailureStored*, MotionSampled*, CheckFinished)*,
+Order: RunStarted, [Identified], (CheckStarted, FailureStored*, MotionSampled*, PathSampled*,
+CheckFinished)*,
 ReadingSeen*, ReadingUnknown*, [ProfileJudged], RequirementJudged*, RunFinished; Note, RigQuestion,
 QuestionAsked, StatesCovered and SoakProgress anywhere between.  In a soak a round that finds
 nothing has no CheckFinished.
@@ -94,6 +95,20 @@ class MotionSampled:
     name: str
     measured: tuple[tuple[int, int], ...]
     predicted: tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PathSampled:
+    """Where two axes of a motion under a check were at one time, and where they had to be.
+
+    `points`: (time_ns, x, y, lowest x, highest x, lowest y, highest y), in the order of time;
+    `axes`: what x and y are.
+    """
+
+    check: str
+    name: str
+    axes: tuple[str, str]
+    points: tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,6 +293,7 @@ Event = (
     | Identified
     | CheckStarted
     | MotionSampled
+    | PathSampled
     | FailureStored
     | StatesCovered
     | SoakProgress

@@ -46,6 +46,8 @@ class LineQuality:
     late: int = 0
     wrong: int = 0
     votes: Counter[tuple[str, str]] = field(default_factory=Counter)  # how something is spelt
+    # Command that may not be sent again at once → its bad replies since the last good one.
+    unrepeated: dict[int, list[bytes]] = field(default_factory=dict)
 
     def note(self, *, is_corrupted: bool, is_late: bool = False) -> None:
         """Count one exchange; what is late is not told from what it should be by that."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
+from typing import TypeAlias
 
 PIECES_APART_NS = 30_000_000  # beside the time that the bytes of the later piece take
 SLOWEST_BYTE_NS = 1_041_667  # at 9600 baud
@@ -39,6 +40,9 @@ class Record:
     text: str = ""
 
 
+_Piece: TypeAlias = tuple[int, Direction, bytes, str]  # what makes a `Record`
+
+
 class Transcript:
     """A bounded log of records; older ones fall out, positions stay valid.
 
@@ -48,7 +52,7 @@ class Transcript:
 
     def __init__(self, kept: int = RECORDS_KEPT, *, is_in_pieces: bool = True) -> None:
         self._is_in_pieces = is_in_pieces
-        self._records: deque[tuple[int, Direction, bytes, str]] = deque(maxlen=kept)
+        self._records: deque[_Piece] = deque(maxlen=kept)
         self._count = 0
 
     def __len__(self) -> int:
@@ -85,13 +89,22 @@ class Transcript:
         A reply is read in pieces, as its length becomes known; here it is whole again.
         """
         wanted = min(self._count - position, len(self._records))
-        pieces = islice(self._records, len(self._records) - wanted, None)
-        whole: list[Record] = []
-        for record in (Record(*piece) for piece in pieces):
-            if self._is_in_pieces and whole and _belong_together(whole[-1], record):
-                record = replace(record, data=whole.pop().data + record.data)
-            whole.append(record)
-        return tuple(whole if limit is None else whole[-limit:])
+        latest = list(islice(reversed(self._records), max(0, wanted)))  # however long the log is
+        whole: list[_Piece] = []
+        for piece in reversed(latest):
+            if self._is_in_pieces and whole and _belong_together(whole[-1], piece):
+                time_ns, direction, data, text = piece
+                piece = time_ns, direction, whole.pop()[2] + data, text
+            whole.append(piece)
+        return tuple(Record(*piece) for piece in (whole if limit is None else whole[-limit:]))
+
+    def since_request(self, limit: int) -> tuple[Record, ...]:
+        """Return the last request and what was recorded after it; nothing if there is none among
+        the last `limit` records."""
+        for back, piece in enumerate(islice(reversed(self._records), limit), 1):
+            if piece[1] is Direction.HOST:
+                return self.since(self._count - back)
+        return ()
 
 
 def is_echoed(request: bytes, heard: bytes) -> bool:
@@ -110,7 +123,7 @@ def last_exchange(records: Iterable[Record]) -> tuple[bytes, bytes]:
     return request, reply
 
 
-def _belong_together(earlier: Record, later: Record) -> bool:
-    both_device = earlier.direction is later.direction is Direction.DEVICE
-    own_ns = len(later.data) * SLOWEST_BYTE_NS
-    return both_device and later.time_ns - earlier.time_ns <= PIECES_APART_NS + own_ns
+def _belong_together(earlier: _Piece, later: _Piece) -> bool:
+    if not earlier[1] is later[1] is Direction.DEVICE:
+        return False
+    return later[0] - earlier[0] <= PIECES_APART_NS + len(later[2]) * SLOWEST_BYTE_NS

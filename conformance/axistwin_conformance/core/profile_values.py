@@ -154,6 +154,28 @@ def _flag_map(text: str) -> str | None:
     return text
 
 
+def _decimal(text: str) -> str | None:
+    """A number with or without places, of which zeros at the end are left out."""
+    if re.fullmatch(r"[0-9]{1,5}(\.[0-9]{1,3})?", text) is None:
+        return None
+    whole, _, places = text.partition(".")
+    return f"{int(whole)}.{places.rstrip('0')}".rstrip(".")
+
+
+def _duration(text: str) -> str | None:
+    read = _decimal(text)
+    return None if read == "0" else read
+
+
+def _shown(text: str) -> str | None:
+    return text if re.fullmatch(r"[ -~]{1,40}", text) else None
+
+
+def _exit_code(text: str) -> str | None:
+    digits = text.lstrip("0") if re.fullmatch("[0-9]+", text) else "none"
+    return Range(0, 0xFF).read(digits or "0")
+
+
 def _or(word: str, read: Callable[[str], str | None]) -> Callable[[str], str | None]:
     return lambda text: word if text == word else read(text)
 
@@ -197,6 +219,25 @@ FORMS: Final[Mapping[str, Value]] = {
     "data_size": Range(128, 65_536),
     "auto_start": Choice(("false", "true")),
     "transport": Choice(("auto", "rs232", "rs485")),
+    "poll_slot_ms": Form("auto, or milliseconds such as 14.5", _or("auto", _duration)),
+    "long_max": Range(2_147_000_000, SIGN_32 - 1),
+    "long_min": Range(-SIGN_32, -2_147_000_000),
+    "rx_timeout_ms": Range(2, 60_000),
+    "rx_payload_max": Range(1, 9000),
+    "cc_capacity": Range(1, 100_000),
+    "queue_depth": Range(0, 10_000),
+    "nvm_size": Range(16, 65_536),
+    "nvm_line_overhead": Range(0, 16),
+    "arc_radius_tol": Form("steps such as 2.5", _decimal),
+    "abort_exit_code": Form("keep, or 0..255", _or("keep", _exit_code)),
+    "jog_hold_ms": Range(1, 60_000),
+    "power_on_position": Range(-SIGN_32 + 1, SIGN_32 - 1),
+    "firmware": Form("at most 40 printable characters of ASCII", _shown),
+    "axes": Range(1, 4),
+    "mn100_codes": Choice(("false", "true")),
+    "motion_done": Choice(("at_once", "at_end")),
+    "queue_full_code": Choice(("slavebuffov", "busy")),
+    "start_null": Choice(("true", "false")),
     "flag_map": Form("generic, or KIND:FIRST-LAST/...", _or("generic", _flag_map)),
 }
 

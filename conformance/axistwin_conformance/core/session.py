@@ -18,7 +18,7 @@ from typing import Any, NoReturn, Protocol, cast
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import AttemptVoid, TargetError
-from axistwin_conformance.base.events import Listener, MotionSampled
+from axistwin_conformance.base.events import Listener
 from axistwin_conformance.base.ledger import Ledger
 from axistwin_conformance.base.line_quality import LineQuality, SilenceLimit
 from axistwin_conformance.base.recording import Recording
@@ -29,6 +29,7 @@ from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.profile import Detection
 from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.settings import Envelope as Envelope
+from axistwin_conformance.core.travel import Motions
 from axistwin_conformance.core.wording import (
     REQUEST,
     Exchange,
@@ -44,7 +45,6 @@ from axistwin_conformance.transport.transport import Transport, TravelLimiter
 
 REPLY_TIMEOUT_S = 0.5  # MACS-REPLY-16: no reply time is specified; the ledger sets this for suites
 QUIET_WAIT_S = 0.1  # how long a line must be quiet before a request is sent again
-MOTIONS_KEPT = 8  # per check: the first ones and the last, which is the one that failed, if any did
 EXCERPT_RECORDS = 60  # of the transcript with a finding: enough for a sequence, still readable
 
 SHOWN = Observation(REQUEST, is_whole=False)  # by what was sent last
@@ -167,39 +167,6 @@ class Run:
         """Why the axes must not be moved any more; empty: they may."""
         travel_guard = self.target.travel_guard
         return "" if travel_guard is None else travel_guard.runaway
-
-
-class Motions:
-    """Where the axis was, and where it had to be, in the first motions of a check and the last."""
-
-    def __init__(self, check: str) -> None:
-        self._check = check
-        self.count = 0  # sampled so far, kept or not
-        self._kept: dict[str, MotionSampled] = {}
-
-    def sample(
-        self,
-        name: str,
-        measured: Iterable[tuple[int, int]] = (),
-        predicted: Iterable[tuple[int, int, int]] = (),
-    ) -> None:
-        """Record what was measured: (time_ns, position), and predicted: (time_ns, lowest, highest),
-        both in the order of time on the target's clock.  Samples given under the same name belong
-        to one motion."""
-        before = self._kept.get(name)
-        if before is None:
-            self.count += 1
-            if len(self._kept) == MOTIONS_KEPT:
-                self._kept.popitem()
-        so_far = before or MotionSampled(self._check, name, (), ())
-        self._kept[name] = MotionSampled(
-            self._check, name, (*so_far.measured, *measured), (*so_far.predicted, *predicted)
-        )
-
-    @property
-    def kept(self) -> tuple[MotionSampled, ...]:
-        """The first ones and the last."""
-        return tuple(self._kept.values())
 
 
 class Session:

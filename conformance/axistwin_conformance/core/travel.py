@@ -1,11 +1,13 @@
-"""How far and how fast a run may move axes: two options, shared by the families that have axes."""
+"""How far and how fast a run may move axes: two options, shared by the families that have axes; and
+where axes were seen in the motions of a check."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from axistwin_conformance.base.events import MotionSampled, PathSampled
 from axistwin_conformance.core.option_types import Count
 from axistwin_conformance.core.settings import Envelope, FamilyOption, Settings
 
@@ -13,6 +15,8 @@ MOST_TRAVEL: Final = 1 << 31  # increments: from one end of an axis's counter to
 MOST_SPEED: Final = 8_000_000  # increments per second: the shortest period of a MAC, of one tick
 TWIN_TRAVEL: Final = 1_000_000
 TWIN_SPEED: Final = 1_000_000
+# Motions per check: the first ones and the last, which is the one that failed, if any did.
+MOTIONS_KEPT: Final = 8
 
 MAX_TRAVEL: Final = FamilyOption(
     "max-travel",
@@ -81,3 +85,50 @@ def envelope(
         asked_speed or (TWIN_SPEED if is_builtin else speed),
         is_guarded=bool(asked_travel or asked_speed) or not is_twin,
     )
+
+
+class Motions:
+    """Where the axis was, and where it had to be, in the first motions of a check and the last."""
+
+    def __init__(self, check: str) -> None:
+        self._check = check
+        self.count = 0  # sampled so far, kept or not
+        self._kept: dict[str, MotionSampled] = {}
+        self._paths: dict[str, PathSampled] = {}
+
+    def sample(
+        self,
+        name: str,
+        measured: Iterable[tuple[int, int]] = (),
+        predicted: Iterable[tuple[int, int, int]] = (),
+    ) -> None:
+        """Record what was measured: (time_ns, position), and predicted: (time_ns, lowest, highest),
+        both in the order of time on the target's clock.  Samples given under the same name belong
+        to one motion."""
+        before = self._kept.get(name)
+        if before is None:
+            self.count += 1
+            if len(self._kept) == MOTIONS_KEPT:
+                self._kept.popitem()
+        so_far = before or MotionSampled(self._check, name, (), ())
+        self._kept[name] = MotionSampled(
+            self._check, name, (*so_far.measured, *measured), (*so_far.predicted, *predicted)
+        )
+
+    def trace(self, name: str, axes: tuple[str, str], point: tuple[int, ...]) -> None:
+        """Record where two axes were together: a point as `PathSampled` has it."""
+        before = self._paths.get(name)
+        if before is None and len(self._paths) == MOTIONS_KEPT:
+            self._paths.popitem()
+        points = () if before is None else before.points
+        self._paths[name] = PathSampled(self._check, name, axes, (*points, point))
+
+    @property
+    def paths(self) -> tuple[PathSampled, ...]:
+        """The first ones and the last."""
+        return tuple(self._paths.values())
+
+    @property
+    def kept(self) -> tuple[MotionSampled, ...]:
+        """The first ones and the last."""
+        return tuple(self._kept.values())

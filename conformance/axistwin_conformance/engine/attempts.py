@@ -92,6 +92,8 @@ class Attempts:
         outcome, trouble, verdict, disturbance = self._run(session, check)
         for motion in session.motions.kept:
             self._emit(motion)
+        for path in session.motions.paths:
+            self._emit(path)
         findings = ladder.unproven(run, session.conclude(trouble, verdict))
         seconds = time.monotonic() - started
         result = CheckResult(

@@ -432,6 +432,7 @@ class Engine:
 
     def _keep(self, result: CheckResult, number: int, replay: str) -> None:
         self._result.checks.append(result)
+        self._guard.has_failed |= result.verdict is Verdict.FAIL
         self._emit(result.as_event(number, len(self._result.plan.to_run), replay))
 
     def _is_over(self) -> bool:
@@ -518,7 +519,12 @@ class Engine:
         if run.target.crash:
             return False
         if check.danger > 0:
-            self._guard.restore(run)
+            try:
+                self._guard.restore(run)
+            except TargetError:  # who has restarted meanwhile is deaf for a while
+                if self._guard.blocked or not self._guard.is_sane(run):
+                    raise
+                self._guard.restore(run)
         return self._guard.is_sane(run)
 
     def _is_alone(self, run: Run, check: Check) -> bool:

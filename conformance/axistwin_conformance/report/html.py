@@ -33,7 +33,7 @@ from axistwin_conformance.report.failures import (
     failed,
 )
 from axistwin_conformance.report.json import Report
-from axistwin_conformance.report.plot import is_inside, plot
+from axistwin_conformance.report.plot import is_inside, is_on_path, plot, plot_path
 
 # In the order of urgency; the sign says the same as the colour.
 SIGNS = {
@@ -93,8 +93,9 @@ class Exhibit:
 class CheckArticle:
     """One check that failed, or settled nothing.
 
-    `motion`: the one that failed.  `operations`: the file beside the page that plays the failure
-    again, if there is one.  `also`: the checks that fail by the same cause, as far as can be seen.
+    `motion`, `path`: those that failed.  `operations`: the file beside the page that plays the
+    failure again, if there is one.  `also`: the checks that fail by the same cause, as far as can
+    be seen.
     """
 
     anchor: str
@@ -104,6 +105,7 @@ class CheckArticle:
     motion: Mapping[str, Any] | None = None
     operations: str = ""
     also: Sequence[CheckArticle] = ()
+    path: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,9 +175,10 @@ def _template() -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        slug=slug, plot=plot, duration=duration, thousands=thousands, rate=rate
+        slug=slug, plot=plot, plot_path=plot_path, duration=duration, thousands=thousands, rate=rate
     )
     environment.tests["inside"] = is_inside
+    environment.tests["on_path"] = is_on_path
     environment.globals.update(times=TIMES, also=ALSO)
     return environment.get_template("report.html.j2")
 
@@ -227,9 +230,12 @@ def _check_articles(report: Report) -> list[CheckArticle]:
         motion = check["motions"][-1] if check["motions"] else None
         if motion is not None and (verdict != "fail" or is_inside(motion)):
             motion = None  # it failed on something else
+        path = next(iter(check.get("paths", [])[-1:]), None)
+        if path is not None and (verdict != "fail" or is_on_path(path)):
+            path = None
         operations = _operations(check["replay"])
         also = [article(each) for each in one.also]
-        return CheckArticle(anchor, slug(verdict), check, seen, motion, operations, also)
+        return CheckArticle(anchor, slug(verdict), check, seen, motion, operations, also, path)
 
     return [article(one) for one in failed(report["checks"])]
 

@@ -92,6 +92,7 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
     }  # fmt: skip
     started: dict[str, Any] = {}
     motions: list[dict[str, Any]] = []
+    paths: list[dict[str, Any]] = []
     for event in told:
         body = {key: value for key, value in event.items() if key != "event"}
         match event["event"]:
@@ -100,13 +101,16 @@ def fold(told: Iterable[Mapping[str, Any]]) -> Report:
             case "identified":
                 report["device"] = body
             case "check_started":
-                started, motions = body, []
+                started, motions, paths = body, [], []
             case "motion_sampled":
                 motions.append({key: body[key] for key in ("name", "measured", "predicted")})
             case "states_covered":
                 report["coverage"].append(body)
+            case "path_sampled":
+                paths.append({key: body[key] for key in ("name", "axes", "points")})
             case "check_finished":
-                report["checks"].append({**started, **body, "motions": motions})
+                check = {**started, **body, "motions": motions}
+                report["checks"].append(check | ({"paths": paths} if paths else {}))
             case "note":
                 report["notes"].append(body["text"])
             case "reading_seen":

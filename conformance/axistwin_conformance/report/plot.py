@@ -7,6 +7,12 @@
               |   o      o      o
               +-------------------------> ms
 
+A path is one axis over another, on one scale; each reading lies in the box of both predictions:
+
+    axis 3  |   []o[]
+            | []
+            +------------> axis 1
+
 Colours come from the page: classes `band`, `reading`, `reading off`, `grid`, `axis`.  A report may
 hold hundreds of these: one path for all that looks alike, relative coordinates, no point on a line
 between its neighbours.
@@ -95,6 +101,74 @@ def plot(motion: Mapping[str, Any]) -> Markup:
         + "".join(parts)
         + "</svg>"
     )
+
+
+def is_on_path(path: Mapping[str, Any]) -> bool:
+    """True if no reading of two axes lies outside of its box."""
+    return all(_is_boxed(point) for point in path["points"])
+
+
+def _is_boxed(point: Sequence[int]) -> bool:
+    _, x, y, left, right, low, high = point
+    return left <= x <= right and low <= y <= high
+
+
+def plot_path(path: Mapping[str, Any]) -> Markup:
+    """Draw one path of a report; it has one point at least."""
+    points = path["points"]
+    across, up = _square(
+        [one for _, x, _, left, right, _, _ in points for one in (x, left, right)],
+        [one for _, _, y, _, _, low, high in points for one in (y, low, high)],
+    )
+    boxes = "".join(
+        f"M{_short(across(left))} {_short(up(high))}H{_short(across(right))}"
+        f"V{_short(up(low))}H{_short(across(left))}z"
+        for _, _, _, left, right, low, high in points
+    )
+    parts = [
+        *_path_axes(across, up, path["axes"]),
+        f'<path class="band" d="{boxes}"/>',
+        *_dots([((across(one[1]), up(one[2])), not _is_boxed(one)) for one in points]),
+    ]
+    outside = sum(not _is_boxed(one) for one in points)
+    words = f"{path['name']}: {len(points)} readings, {outside or 'none'} outside the predicted box"
+    return Markup(  # numbers of ours, and words, which are escaped
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(words)}">'
+        + "".join(parts)
+        + "</svg>"
+    )
+
+
+def _square(xs: Sequence[float], ys: Sequence[float]) -> tuple[Scale, Scale]:
+    """Scales of both axes, on which a step is as long either way."""
+    wide, high = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM - GAP
+    middles = [(min(one) + max(one)) / 2 for one in (xs, ys)]
+    step = max((max(xs) - min(xs)) / wide, (max(ys) - min(ys)) / high, 2 / high) * 1.16
+    half_x, half_y = step * wide / 2, step * high / 2
+    return (
+        Scale(middles[0] - half_x, middles[0] + half_x, LEFT, WIDTH - RIGHT),
+        Scale(middles[1] - half_y, middles[1] + half_y, TOP + high, TOP),
+    )
+
+
+def _path_axes(across: Scale, up: Scale, names: Sequence[str]) -> list[str]:
+    """Grid, axes, numbers and the names of both axes."""
+    left, right, bottom = across.start, across.end, up.start
+    axis, grid, labels = f"M{left:g} {bottom:g}H{right:g}", "", ""
+    for tick in ticks(up.low, up.high, 5):
+        y = _short(up(tick))
+        grid += f"M{left:g} {y}H{right:g}"
+        labels += f'<text class="y" x="{left - 6:g}" y="{y}">{_number(tick)}</text>'
+    for tick in ticks(across.low, across.high, 6):
+        x = _short(across(tick))
+        axis += f"M{x} {bottom:g}v4"
+        labels += f'<text class="x" x="{x}" y="{bottom + 16:g}">{_number(tick)}</text>'
+    middle = (up.start + up.end) / 2
+    labels += f'<text class="title" transform="translate(12 {middle:g})rotate(-90)">'
+    labels += f"{escape(names[1])}</text>"
+    labels += f'<text class="x" x="{(left + right) / 2:g}" y="{bottom + 32:g}">'
+    labels += f"{escape(names[0])}</text>"
+    return [f'<path class="grid" d="{grid}"/><path class="axis" d="{axis}"/>', labels]
 
 
 def _count(readings: Sequence[tuple[int, int, float, bool]]) -> str:

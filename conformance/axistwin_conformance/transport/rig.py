@@ -197,7 +197,8 @@ class Rig(ABC):
         self._target.mark(f"rig: {act.done}")
         window = before_ns, self._target.now_ns
         if self._target.travel_guard is not None:  # the counter may not be what it was
-            self._target.travel_guard.worked(act.control.capability, window)
+            disturbed = {name for name, _ in self._disturbed}
+            self._target.travel_guard.worked(act.control.capability, window, disturbed)
         return window
 
 

@@ -122,6 +122,14 @@ class SerialTransport(Transport):
         self.byte_ns = BYTE_BITS * 1_000_000_000 // rate
         self.mark(f"our end of the line now talks {rate} baud")
 
+    @property
+    def upcoming(self) -> bytes:
+        """What `receive` will return next, where the port can tell before it has come; so what has
+        no length need not be read byte by byte."""
+        if not self.is_direct:
+            return bytes(self._pending)
+        return bytes(self._pending) + getattr(self._port, "upcoming", b"")
+
     def send(self, data: bytes) -> int:
         """Send the bytes and return the time at which that began."""
         started_ns = self._announced(bytes(data))

@@ -25,7 +25,7 @@ import statistics
 import time
 import traceback
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, cast
@@ -80,8 +80,11 @@ class TravelLimiter(Protocol):
     def needed(self, wait_ns: int, /) -> int:
         """How large the envelope would have to be for endless motion to go on for so long."""
 
-    def worked(self, name: str, window: tuple[int, int], /) -> None:
-        """Learn what the rig has done, and between which instants."""
+    def worked(
+        self, name: str, window: tuple[int, int], disturbed: Collection[str] = (), /
+    ) -> None:
+        """Learn what the rig has done, between which instants, and which controls are not at rest
+        now."""
 
 
 class Mender(Protocol):

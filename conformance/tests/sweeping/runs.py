@@ -90,6 +90,8 @@ def _virtual(
         model=setting.model, level=setting.level, seed=seed, is_detection=detects,
         exitfirst=setting.is_exitfirst,         **small_scratch(setting.model),
     )  # fmt: skip
+    if "address_settable=false" in query:  # no second board can be beside it
+        options = replace(options, neighbours=())
     url = options.family.twin_url
 
     def other_url(*given: Any) -> str:

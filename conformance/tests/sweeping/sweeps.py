@@ -9,13 +9,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import ClassVar, Final
 
-from sweeping.faults import draw_fault
+from sweeping.faults import Fault, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.readings import drawn, misread, singles, unread
 from sweeping.runs import TRAVEL, Row, Setting, judge
 from sweeping.wrong_device import Tally, planted
 
-MODELS: Final = tuple(FORMATS)
+MODELS: Final = (*FORMATS, "mn400")  # faults are drawn for those with a format
 JUDGED_PART = 0.95  # of what is judged of the default twin
 
 
@@ -137,15 +137,17 @@ class FaultSweep(Sweep):
 
     def judge(self, number: int) -> Row:
         """Judge a twin with the fault of that number."""
-        row = self._judge(number, self.setting)
+        model = self.setting.model
+        fault = draw_fault(FORMATS[model], f"{self.seed}/{model}/{number}")
+        row = self.judge_fault(fault, self.setting)
         is_open = row["outcome"] in ("escaped", "named", "inconclusive")
         if is_open and self.setting.level == "quick":  # what quick leaves out may show it
-            row = self._judge(number, replace(self.setting, level="full"))
+            row = self.judge_fault(fault, replace(self.setting, level="full"))
         return row
 
-    def _judge(self, number: int, setting: Setting) -> Row:
+    def judge_fault(self, fault: Fault, setting: Setting) -> Row:
+        """Judge a twin with that fault."""
         model = setting.model
-        fault = draw_fault(FORMATS[model], f"{self.seed}/{model}/{number}")
         tally = Tally()
         with planted(fault, model, tally) as place:
             row = judge(setting, self.seed)

@@ -155,7 +155,8 @@ class WrongDevice:
             self._lay_ghost(now)
         found: list[Any] = []
         kind = self._form.kind(data)
-        if kind and not (is_frame and message.is_remote):
+        is_for_others = not is_frame and self._inner.quiet_prefix(data) == len(data)
+        if kind and not is_for_others and not (is_frame and message.is_remote):
             self._kind = kind
             found += self._obey(kind, data, now, tell)
         else:
@@ -424,9 +425,9 @@ def planted(fault: Fault, model: str, tally: Tally) -> Iterator[str]:
             wrapped, place = fault, ""
         made = DeviceNetwork.__init__
 
-        def making(self: Any, devices: Any, start_ns: int) -> None:
+        def making(self: Any, devices: Any, *given: Any) -> None:
             wrong = [WrongDevice(one, wrapped, FORMATS[model], tally) for one in devices]
-            made(self, wrong, start_ns)
+            made(self, wrong, *given)
 
         patch.setattr(DeviceNetwork, "__init__", making)
         forget()

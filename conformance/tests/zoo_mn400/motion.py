@@ -27,7 +27,7 @@ from zoo_mn400.planting import (
 # --- moves ----------------------------------------------------------------------------------------
 
 
-@board_mutant("MN4-CMD-M-01")
+@board_mutant("MN4-CMD-M-01", "MN4-MOT-01")
 def each_axis_runs_at_its_own_speed(patch: MonkeyPatch) -> None:
     """A move ends where it should, but its axes go one behind the other."""
 
@@ -45,7 +45,7 @@ def each_axis_runs_at_its_own_speed(patch: MonkeyPatch) -> None:
     plans(patch, "straight", act)
 
 
-@board_mutant("MN4-CMD-M-02")
+@board_mutant("MN4-CMD-M-02", "MN4-CMD-I-01", "MN4-CMD-L-02")
 def targets_are_distances(patch: MonkeyPatch) -> None:
     """In absolute mode M goes as far as its parameters say."""
 
@@ -77,7 +77,7 @@ def long_moves_miss_by_one(patch: MonkeyPatch) -> None:
     plans(patch, "straight", act)
 
 
-@board_mutant("MN4-CMD-M-01")
+@board_mutant("MN4-CMD-M-01", "MN4-PAR-06")
 def unnamed_axes_creep(patch: MonkeyPatch) -> None:
     """Axis 4 makes a step with each move."""
 
@@ -108,19 +108,27 @@ def _caps(patch: MonkeyPatch, change: Any_) -> None:
     around(patch, MoveSettings, "cap", act)
 
 
-@board_mutant("MN4-CMD-V-03", "MN4-MOT-12", traps=(17,))
+@board_mutant("MN4-CMD-V-03", "MN4-MOT-12", "MN4-CMD-A-05", "MN4-MOT-13", traps=(17,))
 def the_end_speed_is_no_limit(patch: MonkeyPatch) -> None:
     """V above the end speed of the profile is run at V."""
     _caps(patch, lambda cap, settings, speed, multiplex: max(cap, abs(speed)))
 
 
-@board_mutant("MN4-CMD-V-03", "MN4-MOT-12", traps=(17,))
+@board_mutant("MN4-CMD-V-03", "MN4-MOT-12", "MN4-MOT-02", traps=(17,))
 def no_move_is_slower_than_the_start_speed(patch: MonkeyPatch) -> None:
     """V below the start speed is run at the start speed."""
     _caps(patch, lambda cap, settings, speed, multiplex: max(cap, settings.profile.start))
 
 
-@board_mutant("MN4-CMD-V-01", "MN4-CMD-F-01")
+@board_mutant(
+    "MN4-CMD-V-01",
+    "MN4-CMD-F-01",
+    "MN4-CMD-A-05",
+    "MN4-MOT-01",
+    "MN4-MOT-02",
+    "MN4-MOT-13",
+    "MN4-SYN-02",
+)
 def speeds_are_a_tenth_less(patch: MonkeyPatch) -> None:
     """The clock of the steps is slow."""
     _caps(patch, lambda cap, settings, speed, multiplex: max(2, cap * 9 // 10))
@@ -141,13 +149,13 @@ def moves_are_not_ramped(patch: MonkeyPatch) -> None:
     _profiles(patch, lambda profile: SpeedProfile(profile.end, profile.end, profile.acceleration))
 
 
-@board_mutant("MN4-CMD-F-01")
+@board_mutant("MN4-CMD-F-01", "MN4-MOT-10")
 def moves_begin_at_rest(patch: MonkeyPatch) -> None:
     """The start speed is 2 steps/s, whatever F says."""
     _profiles(patch, lambda profile: replace(profile, start=2))
 
 
-@board_mutant("MN4-CMD-F-01")
+@board_mutant("MN4-CMD-F-01", "MN4-MOT-10")
 def ramps_are_a_third_as_steep(patch: MonkeyPatch) -> None:
     """The acceleration is a third of F's."""
     _profiles(patch, lambda profile: replace(profile, acceleration=profile.acceleration // 3 + 1))
@@ -193,7 +201,7 @@ def _planes(patch: MonkeyPatch, name: str, change: Any_) -> None:
     plans(patch, name, lambda go, now, settings, *rest: go(now, settings, *change(*rest)))
 
 
-@board_mutant("MN4-CMD-A-01", traps=(15,))
+@board_mutant("MN4-CMD-A-01", "MN4-CMD-HEL-03", "MN4-ARC-08", traps=(15,))
 def the_plane_is_axes_1_and_2(patch: MonkeyPatch) -> None:
     """At power-on, and after P1,3,2."""
     begins_with(patch, plane=(0, 1, 2))
@@ -204,7 +212,7 @@ def the_plane_is_axes_1_and_2(patch: MonkeyPatch) -> None:
     settles(patch, "P", change)
 
 
-@board_mutant("MN4-CMD-A-03", "MN4-ARC-01", traps=(19,))
+@board_mutant("MN4-CMD-A-03", "MN4-ARC-01", "MN4-ARC-05", "MN4-ARC-04", traps=(19,))
 def clockwise_is_the_other_way_round(patch: MonkeyPatch) -> None:
     """Direction 1 is counter-clockwise."""
     _planes(
@@ -275,7 +283,7 @@ def a_helix_makes_one_turn_less(patch: MonkeyPatch) -> None:
     _planes(patch, "helix", change)
 
 
-@board_mutant("MN4-CMD-HEL-02")
+@board_mutant("MN4-CMD-HEL-02", "MN4-HEL-02")
 def a_helix_always_goes_up(patch: MonkeyPatch) -> None:
     """The sign of the traverse is lost."""
 
@@ -297,7 +305,7 @@ def _contours(patch: MonkeyPatch, change: Any_) -> None:
     )
 
 
-@board_mutant("MN4-CC-02", "MN4-CC-03", traps=(21,))
+@board_mutant("MN4-CC-02", "MN4-CC-03", "MN4-CMD-CC-05", traps=(21,))
 def a_contour_stops_at_each_joint(patch: MonkeyPatch) -> None:
     """Each segment begins and ends at start speed."""
     from axistwin.devices.mn400.motion import moves
@@ -305,13 +313,13 @@ def a_contour_stops_at_each_joint(patch: MonkeyPatch) -> None:
     patch.setattr(moves, "_seam", lambda before, after, margin, settings: None)
 
 
-@board_mutant("MN4-CC-01", "MN4-CC-02")
+@board_mutant("MN4-CC-01", "MN4-CC-02", "MN4-CC-09")
 def a_contour_loses_its_last_segment(patch: MonkeyPatch) -> None:
     """What comes right before ) is not made."""
     _contours(patch, lambda segments, margin: (segments[:-1] or segments, margin))
 
 
-@board_mutant("MN4-CC-05", traps=(22,))
+@board_mutant("MN4-CC-05", "MN4-CMD-CC-01", traps=(22,))
 def a_margin_stays(patch: MonkeyPatch) -> None:
     """( without a margin has that of the ( before it."""
     from axistwin.devices.mn400.commands import Interpreter
@@ -330,7 +338,7 @@ def a_margin_stays(patch: MonkeyPatch) -> None:
     around(patch, Interpreter, "__init__", init)
 
 
-@board_mutant("MN4-CC-08")
+@board_mutant("MN4-CC-08", "MN4-CC-01")
 def axis_4_does_not_follow_a_contour(patch: MonkeyPatch) -> None:
     """Segments move three axes."""
 
@@ -354,13 +362,13 @@ def _memories(patch: MonkeyPatch, change: Any_) -> None:
     plans(patch, "straight", lambda go, now, settings, *rest: go(now, change(settings), *rest))
 
 
-@board_mutant("MN4-BKL-01", "MN4-CMD-B-01")
+@board_mutant("MN4-BKL-01", "MN4-CMD-B-01", "MN4-CMD-D-02")
 def backlash_is_not_taken_up(patch: MonkeyPatch) -> None:
     """B is answered, and nothing comes of it."""
     _memories(patch, lambda settings: replace(settings, lash=(0, 0, 0, 0)))
 
 
-@board_mutant("MN4-BKL-01", traps=(39,))
+@board_mutant("MN4-BKL-01", "MN4-BKL-02", "MN4-CMD-B-01", "MN4-CMD-D-02", traps=(39,))
 def backlash_is_taken_up_by_each_first_move(patch: MonkeyPatch) -> None:
     """The directions are remembered the other way round."""
 
@@ -374,7 +382,7 @@ def backlash_is_taken_up_by_each_first_move(patch: MonkeyPatch) -> None:
 # --- read-out -------------------------------------------------------------------------------------
 
 
-@board_mutant("MN4-CMD-N-01")
+@board_mutant("MN4-CMD-N-01", "MN4-MEA-05")
 def what_is_left_is_what_was_made(patch: MonkeyPatch) -> None:
     """N counts up."""
 
@@ -385,7 +393,7 @@ def what_is_left_is_what_was_made(patch: MonkeyPatch) -> None:
     values(patch, "N", change)
 
 
-@board_mutant("MN4-MEA-06")
+@board_mutant("MN4-MEA-06", "MN4-CMD-CC-06")
 def counters_are_told_when_a_move_is_over(patch: MonkeyPatch) -> None:
     """E during a move tells where it began."""
 
@@ -396,7 +404,7 @@ def counters_are_told_when_a_move_is_over(patch: MonkeyPatch) -> None:
     values(patch, "E", change)
 
 
-@board_mutant("MN4-CMD-E-03", "MN4-MEA-02", traps=(29,))
+@board_mutant("MN4-CMD-E-03", "MN4-MEA-02", "MN4-MEA-03", traps=(29,))
 def a_count_is_that_of_the_major_axis(patch: MonkeyPatch) -> None:
     """E1 counts without the multiplex."""
 
@@ -468,7 +476,7 @@ def feed_hold_is_no_pause(patch: MonkeyPatch) -> None:
     around(patch, Mover, "shield_changed", act)
 
 
-@board_mutant("MN4-JOG-07")
+@board_mutant("MN4-JOG-07", "MN4-CMD-J-01")
 def the_panel_jogs_in_run_mode(patch: MonkeyPatch) -> None:
     """Jog inputs are heard whatever J says."""
 
@@ -492,7 +500,7 @@ def a_tap_drops_its_remainder(patch: MonkeyPatch) -> None:
     around(patch, JogTaps, "tap", act)
 
 
-@board_mutant("MN4-THR-01", traps=(43,))
+@board_mutant("MN4-THR-01", "MN4-THR-02", "MN4-CMD-T-01", traps=(43,))
 def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
     """T over 10 pulses ends with the 20th."""
 
@@ -502,13 +510,15 @@ def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
     plans(patch, "thread", act)
 
 
-@board_mutant("MN4-SYN-01")
+@board_mutant("MN4-SYN-01", "MN4-CMD-V-02")
 def a_negative_speed_is_a_speed(patch: MonkeyPatch) -> None:
     """V-1 runs without pulses."""
     patch.setattr(MotionOrder, "is_paced", property(lambda order: order.letter == "T"))
 
     def act(go: Any_, now: int, settings: MoveSettings, *rest: Any) -> Any:
-        return go(now, replace(settings, speed=max(2, abs(settings.speed))), *rest)
+        return go(
+            now, replace(settings, speed=settings.speed if settings.speed > 0 else 500), *rest
+        )
 
     plans(patch, "straight", act)
 

@@ -238,7 +238,7 @@ def counters_are_added_to(patch: MonkeyPatch) -> None:
     commands(patch, "L", act)
 
 
-@board_mutant("MN4-CMD-EXIT-03")
+@board_mutant("MN4-CMD-EXIT-03", "MN4-CMD-EXIT-04")
 def the_exit_code_cannot_be_cleared(patch: MonkeyPatch) -> None:
     """| is answered and does nothing; the code is 2 from the beginning."""
     values(patch, "/", lambda text, readout, now: "2")
@@ -307,7 +307,7 @@ def auxiliary_inputs_come_first(patch: MonkeyPatch) -> None:
     values(patch, "S", change)
 
 
-@board_mutant("MN4-MEA-01", "MN4-MEA-02")
+@board_mutant("MN4-MEA-01", "MN4-MEA-02", "MN4-MEA-03")
 def a_measurement_is_over_at_once(patch: MonkeyPatch) -> None:
     """E1 counts for 10 ms, E2 for 100."""
     from axistwin.devices.mn400 import readout

@@ -47,7 +47,7 @@ def hold_holds_nothing(patch: MonkeyPatch) -> None:
     cells(patch, "MA+T", [BoardState.HLD], Treatment.NOW)
 
 
-@board_mutant("MN4-CMD-K-01")
+@board_mutant("MN4-CMD-K-01", "MN4-CMD-K-03")
 def what_is_held_is_dropped(patch: MonkeyPatch) -> None:
     """A move under hold is answered and forgotten; K has nothing to run."""
 
@@ -176,7 +176,7 @@ def queued_loads_are_lost(patch: MonkeyPatch) -> None:
     commands(patch, "L", act)
 
 
-@board_mutant("MN4-CMD-Q-01")
+@board_mutant("MN4-CMD-Q-01", "MN4-CMD-CC-06", "MN4-CMD-Q-05", "MN4-CMD-T-03")
 def quit_ends_no_move(patch: MonkeyPatch) -> None:
     """Q is answered, the move runs on."""
 
@@ -186,7 +186,7 @@ def quit_ends_no_move(patch: MonkeyPatch) -> None:
     around(patch, Mover, "quit", act)
 
 
-@board_mutant("MN4-CMD-PAU-01")
+@board_mutant("MN4-CMD-PAU-01", "MN4-CMD-CC-06", "MN4-CMD-PAU-03")
 def a_pause_is_answered_only(patch: MonkeyPatch) -> None:
     """{ pauses nothing."""
 
@@ -197,7 +197,7 @@ def a_pause_is_answered_only(patch: MonkeyPatch) -> None:
     around(patch, Mover, "pause", act)
 
 
-@board_mutant("MN4-CMD-PAU-02", traps=(41,))
+@board_mutant("MN4-CMD-PAU-02", "MN4-PAU-02", "MN4-PAU-03", traps=(41,))
 def a_resumed_move_begins_anew(patch: MonkeyPatch) -> None:
     """} makes the whole distance once more."""
 
@@ -210,7 +210,7 @@ def a_resumed_move_begins_anew(patch: MonkeyPatch) -> None:
     around(patch, Mover, "resume", act)
 
 
-@board_mutant("MN4-CMD-M-02")
+@board_mutant("MN4-CMD-M-02", "MN4-CMD-A-02", "MN4-CMD-I-01")
 def there_is_one_coordinate_mode(patch: MonkeyPatch) -> None:
     """I is answered and sets nothing."""
     settles(patch, "I", lambda after, before: before)
@@ -228,13 +228,13 @@ def a_pause_shows_on_no_flag(patch: MonkeyPatch) -> None:
     values(patch, ":", change)
 
 
-@board_mutant("MN4-JOG-01", "MN4-CMD-G-01")
+@board_mutant("MN4-JOG-01", "MN4-CMD-G-01", "MN4-CMD-Y-01", "MN4-JOG-02", "MN4-CMD-J-01")
 def jog_mode_is_not_entered(patch: MonkeyPatch) -> None:
     """J1 is answered, and the panel stays dead."""
     commands(patch, "J", lambda go, one, line, given: None)
 
 
-@board_mutant("MN4-PAU-02", "MN4-PAU-03", traps=(41,))
+@board_mutant("MN4-PAU-02", "MN4-PAU-03", "MN4-CMD-CC-06", "MN4-CMD-PAU-02", traps=(41,))
 def a_resumed_move_makes_a_step_more(patch: MonkeyPatch) -> None:
     """} loses count of a step of axis 1."""
 

@@ -10,9 +10,11 @@ from typing import Any, Final, TypeVar
 import click
 
 from axistwin.cli.event_lines import EventLines, missing_for_watching, shown
+from axistwin.cli.wire_faults import FAULT_ACTIONS, FAULTS, LINE, work_line
 from axistwin.control.client import ControlClient
 from axistwin.control.token import TOKEN_VARIABLE, find_token
 from axistwin.errors import AxistwinError, UsageError, nearest
+from axistwin.wire.wire_fault import FAULT_FIELDS, FAULT_TYPES
 
 ADDRESS: Final = "127.0.0.1:8080"
 ON: Final = ("on", "true", "yes", "1")
@@ -65,12 +67,20 @@ def device_names(client: ControlClient, _: dict[str, Any]) -> list[str]:
     return [each["name"] for each in client.get("devices")["devices"]]
 
 
+def _first_words(client: ControlClient, given: dict[str, Any]) -> list[str]:
+    return [*device_names(client, given), LINE]
+
+
 def _control_names(client: ControlClient, given: dict[str, Any]) -> list[str]:
+    if given["device"] == LINE:
+        return [FAULTS, *(each["name"] for each in client.get("lines")["lines"])]
     controls = client.get("devices", given["device"], "controls")["controls"]
     return [*(each["name"] for each in controls), WATCH]
 
 
 def _values(client: ControlClient, given: dict[str, Any]) -> list[str]:
+    if given["device"] == LINE:
+        return [*FAULT_ACTIONS, *FAULT_TYPES, *(f"{name}=" for name in FAULT_FIELDS[1:])]
     if given["control"] == "power":
         return list(POWER_WORDS)
     if given["control"] == WATCH:
@@ -80,7 +90,7 @@ def _values(client: ControlClient, given: dict[str, Any]) -> list[str]:
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("device", required=False, shell_complete=complete_by(device_names))
+@click.argument("device", required=False, shell_complete=complete_by(_first_words))
 @click.argument("control", required=False, shell_complete=complete_by(_control_names))
 @click.argument("values", metavar="[VALUE]", nargs=-1, shell_complete=complete_by(_values))
 @daemon_options
@@ -103,6 +113,9 @@ def ctl(
     axistwin ctl mac23:0 push -25                a number may be negative
     axistwin ctl mac23:0 power cycle 0.5         off for half a second; on, off
     axistwin ctl mac23:0 watch position          lines as it changes, until Ctrl-C
+    axistwin ctl line faults                     of the wire, with what they did
+    axistwin ctl line faults add drop direction=to_host    lose the next reply
+    axistwin ctl line NAME faults remove 1       of the line called so; or all
 
     The daemon is 'axistwin run MODEL --control HOST:PORT'.  What is set is set at once, and holds
     when the command returns.
@@ -111,7 +124,9 @@ def ctl(
         if word.startswith("-") and not word[1:2].isdigit():
             raise UsageError(f"no option {word}; see 'axistwin ctl --help'")
     client = make_client(control_address, token_file)
-    if device is None:
+    if device == LINE:
+        work_line(client, tuple(word for word in (control, *values) if word), as_json)
+    elif device is None:
         _show_devices(client, as_json)
     elif control is None:
         _show_controls(client, device, as_json)

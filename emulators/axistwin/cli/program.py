@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import importlib
 import sys
-import traceback
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -137,6 +136,8 @@ class _Program(click.Group):
                 discard_stdout()
                 _complain(f"standard output cannot be written ({reason}); choose another place")
                 sys.exit(EXIT_USAGE)
+            import traceback
+
             traceback.print_exc()
             _complain("this is a bug of axistwin's; the lines above say where")
             sys.exit(EXIT_BUG)

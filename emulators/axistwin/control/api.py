@@ -27,6 +27,10 @@ from axistwin.control.models import (
     DeviceList,
     Direction,
     EndpointInfo,
+    FaultInfo,
+    FaultList,
+    FaultNumber,
+    FaultOrder,
     LineInfo,
     LineList,
     Numbers,
@@ -39,19 +43,35 @@ from axistwin.control.models import (
 from axistwin.control.traffic import TrafficWords, select
 from axistwin.control.watching import WATCHERS_MAX, Watching
 from axistwin.devices.controls import AxisReadout
-from axistwin.errors import UnknownNameError, UsageError, nearest
+from axistwin.errors import UnknownNameError, UsageError
 from axistwin.kernel.time import NS_PER_S
 from axistwin.runtime.control_access import BoundControl
 from axistwin.runtime.serving.live import Live
 from axistwin.runtime.serving.rack import AnyServer, Rack, RackDevice
+from axistwin.wire.faults import FaultReport
 
 ANSWER_S: Final = 10.0
 """How long the loop may take; it is busy for much less."""
 
+PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
+    status: {"model": Problem, "description": description}
+    for status, description in (
+        (400, "The body cannot be read."),
+        (401, "The token is missing, or wrong."),
+        (403, "Host or Origin is not this server's."),
+        (404, "Nothing is called so; the message has the nearest name."),
+        (408, "The body did not come in time."),
+        (413, "The body is too long."),
+        (422, "The value is not allowed; the message says what is."),
+        (503, "The line has failed."),
+    )
+}
+"""What any route may answer instead."""
+
 ResultT = TypeVar("ResultT")
 
 DeviceName = Annotated[str, Path(description="its name, MODEL:ADDRESS, or its model alone")]
-LineName = Annotated[str, Path(description="its name: that of its first device, if it has none")]
+LineName = Annotated[str, Path(description="its name, or that of a device on it")]
 ControlName = Annotated[str, Path(description="such as inputs.reference, or flags.200")]
 
 
@@ -71,17 +91,7 @@ class Api:
 
     def router(self) -> APIRouter:
         """All of them."""
-        problems: dict[int | str, dict[str, Any]] = {
-            status: {"model": Problem, "description": description}
-            for status, description in (
-                (401, "The token is missing, or wrong."),
-                (403, "Host or Origin is not this server's."),
-                (404, "No device or control is called so; the message has the nearest name."),
-                (422, "The value is not allowed; the message says what is."),
-                (503, "The line has failed."),
-            )
-        }
-        router = APIRouter(prefix="/api/v1", responses=problems)
+        router = APIRouter(prefix="/api/v1", responses=PROBLEMS)
         device, control = "/devices/{device}", "/devices/{device}/controls/{control}"
         get, put, post = router.get, router.put, router.post
         get("/lines", summary="All lines and buses")(self.lines)
@@ -93,6 +103,11 @@ class Api:
         get(control, summary="One control, as it is now")(self.read)
         put(control, summary="Set a control, or work an action")(self.work)
         post(f"{device}/power", summary="Switch its supply")(self.power)
+        faults = "/lines/{line}/faults"
+        get(faults, summary="Faults of its wire")(self.faults)
+        post(faults, summary="Add a fault", status_code=201)(self.add_fault)
+        router.delete(faults, summary="Remove all faults")(self.remove_faults)
+        router.delete(f"{faults}/{{number}}", summary="Remove a fault")(self.remove_fault)
         router.add_api_websocket_route("/events", self.events)
         return router
 
@@ -131,10 +146,7 @@ class Api:
         return TrafficList(line=line, messages=chosen)
 
     def _find_line(self, name: str) -> AnyServer:
-        server = self._rack.lines.get(name)
-        if server is None:
-            raise UnknownNameError(f"no line {name!r}: {nearest(name, self._rack.lines)}")
-        return server
+        return self._rack.lines[self._rack.find_line(name)]
 
     async def devices(self) -> DeviceList:
         """Those of lines that are served."""
@@ -229,6 +241,37 @@ class Api:
         self._live.control_set(found, time_ns, "power", value=True)
         return found.name, time_ns
 
+    # -- what goes wrong on the wire --
+
+    async def faults(self, line: LineName) -> FaultList:
+        """With what each has done so far."""
+        return await self._on_line(line, _fault_list)
+
+    async def add_fault(self, line: LineName, order: Annotated[FaultOrder, Body()]) -> FaultInfo:
+        """It acts from now on."""
+
+        def add(found: RackDevice) -> FaultInfo:
+            faults = found.server.simulation.faults
+            return _fault_info(found, faults[faults.add(**order.model_dump())])
+
+        return await self._on_line(line, add)
+
+    async def remove_faults(self, line: LineName) -> FaultList:
+        """With what each has done."""
+
+        def remove(found: RackDevice) -> FaultList:
+            removed = _fault_list(found)
+            found.server.simulation.faults.clear()
+            return removed
+
+        return await self._on_line(line, remove)
+
+    async def remove_fault(self, line: LineName, number: FaultNumber) -> FaultInfo:
+        """With what it has done; what it is doing ends."""
+        return await self._on_line(
+            line, lambda found: _fault_info(found, found.server.simulation.faults.remove(number))
+        )
+
     # -- looking on --
 
     async def events(
@@ -268,10 +311,17 @@ class Api:
             )
         )
         failures = {name: each.failure is not None for name, each in self._rack.lines.items()}
-        text = metrics.render(dict(values), failures, self._counts)
+        acted = await self._wait(
+            self._rack.do_all(lambda found: (found.line, found.server.simulation.faults.acted))
+        )
+        text = metrics.render(dict(values), failures, dict(acted), self._counts)
         return Response(text, media_type=metrics.CONTENT_TYPE)
 
     # -- in the rack's loop --
+
+    async def _on_line(self, line: str, action: Callable[[RackDevice], ResultT]) -> ResultT:
+        """Have ``action`` done to the first device on ``line``."""
+        return await self._do(self._rack.on_line(self._rack.find_line(line))[0].name, action)
 
     async def _do(self, device: str, action: Callable[[RackDevice], ResultT]) -> ResultT:
         return await self._wait(self._rack.do(device, action))
@@ -299,6 +349,24 @@ def _device_info(found: RackDevice) -> DeviceInfo:
 
 def _axes_info(axes: AxisReadout) -> AxesInfo:
     return AxesInfo(names=list(axes.names), unit=axes.unit, position=axes.position, rate=axes.rate)
+
+
+def _fault_info(found: RackDevice, report: FaultReport) -> FaultInfo:
+    return FaultInfo(
+        **report.fault.selection(),
+        number=report.number,
+        line=found.line,
+        seen=report.seen,
+        acted=report.acted,
+        over=report.is_over,
+        last_ns=report.last_ns,
+        last=report.last,
+    )
+
+
+def _fault_list(found: RackDevice) -> FaultList:
+    reports = found.server.simulation.faults
+    return FaultList(line=found.line, faults=[_fault_info(found, each) for each in reports])
 
 
 def _find(found: RackDevice, name: str) -> BoundControl:

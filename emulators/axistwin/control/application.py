@@ -8,9 +8,10 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Match
 
 from axistwin import __version__
-from axistwin.control.api import Api, NotAllowedError
+from axistwin.control.api import PROBLEMS, Api, NotAllowedError
 from axistwin.control.guard import Application, Guard, RefusedError, problem
 from axistwin.control.metrics import Counts
 from axistwin.control.panel import make_panel, paths, read_page
@@ -33,7 +34,9 @@ def make_application(
     )
     application.include_router(api.router())
     application.include_router(make_panel(page))
-    application.get("/metrics", summary="For Prometheus", response_class=Response)(api.metrics)
+    application.get(
+        "/metrics", summary="For Prometheus", response_class=Response, responses=PROBLEMS
+    )(api.metrics)
     for kind, status in ((UnknownNameError, 404), (UsageError, 422), (StateError, 503)):
         application.add_exception_handler(kind, _answer(status))
     application.add_exception_handler(RefusedError, _refused)
@@ -56,13 +59,26 @@ def _refused(_: Request, error: Exception) -> JSONResponse:
     return _problem(error.status, str(error))
 
 
-def _http(_: Request, error: Exception) -> JSONResponse:
+def _http(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
-    return JSONResponse(
-        problem(error.status_code, f"{error.detail}; see /openapi.json"),
-        error.status_code,
-        error.headers,
-    )
+    headers = dict(error.headers or {})
+    if error.status_code == 405:  # what is raised knows of one route, where the path may have more
+        headers["Allow"] = ", ".join(_methods_at(request))
+    answer = _problem(error.status_code, f"{error.detail}; see /openapi.json")
+    answer.headers.update(headers)
+    return answer
+
+
+def _methods_at(request: Request) -> list[str]:
+    """What the path of ``request`` takes."""
+    return [
+        method
+        for method in ("GET", "POST", "PUT", "DELETE")
+        if any(
+            route.matches({**request.scope, "method": method})[0] is Match.FULL
+            for route in request.app.routes
+        )
+    ]
 
 
 def _not_allowed(_: Request, error: Exception) -> JSONResponse:

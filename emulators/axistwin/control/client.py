@@ -38,6 +38,10 @@ class ControlClient:
         """Have something done.  Raises UsageError and PortError."""
         return self._ask("POST", path, body)
 
+    def delete(self, *path: str) -> Any:
+        """Take away what is there.  Raises UsageError and PortError."""
+        return self._ask("DELETE", path)
+
     def _ask(self, method: str, path: Sequence[str], body: dict[str, object] | None = None) -> Any:
         headers = dict(self._headers)
         if body is not None:

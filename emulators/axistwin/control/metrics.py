@@ -1,6 +1,6 @@
 """What a rack shows to Prometheus: its lines, its devices, and every control that has a number."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
@@ -8,12 +8,17 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
+from axistwin.wire.wire_fault import FaultKind
+
 CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 
 _METHODS: Final = ("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH")
 
 Values = dict[str, tuple[int, dict[str, Any]]]
 """Of each device its line's time, and its values by name."""
+
+Acted = Mapping[str, Mapping[FaultKind, int]]
+"""Of each line how many times faults of its wire have acted, by their kinds."""
 
 
 class Counts:
@@ -31,8 +36,11 @@ class Counts:
 
 
 class _RackCollector(Collector):
-    def __init__(self, values: Values, failures: dict[str, bool], counts: Counts) -> None:
+    def __init__(
+        self, values: Values, failures: dict[str, bool], acted: Acted, counts: Counts
+    ) -> None:
         self._values, self._failures, self._counts = values, failures, counts
+        self._acted = acted
 
     def collect(self) -> Iterator[Metric]:
         """Everything as it is now."""
@@ -40,6 +48,13 @@ class _RackCollector(Collector):
         for line, is_failed in self._failures.items():
             served.add_metric([line], 0.0 if is_failed else 1.0)
         yield served
+        faults = CounterMetricFamily(
+            "axistwin_wire_faults", "times that faults of the wire acted", labels=["line", "kind"]
+        )
+        for line, kinds in self._acted.items():
+            for kind, number in kinds.items():
+                faults.add_metric([line, kind], number)
+        yield faults
         times = GaugeMetricFamily(
             "axistwin_device_time_seconds", "time of a device's line", labels=["device"]
         )
@@ -72,9 +87,9 @@ class _RackCollector(Collector):
         )
 
 
-def render(values: Values, failures: dict[str, bool], counts: Counts) -> bytes:
+def render(values: Values, failures: dict[str, bool], acted: Acted, counts: Counts) -> bytes:
     """The page that Prometheus reads."""
     registry = CollectorRegistry()
     ProcessCollector(registry=registry)
-    registry.register(_RackCollector(values, failures, counts))
+    registry.register(_RackCollector(values, failures, acted, counts))
     return bytes(generate_latest(registry))

@@ -5,6 +5,16 @@ from typing import Annotated, Any, Literal, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field
 
 from axistwin.devices.controls import Kind
+from axistwin.wire.wire_fault import (
+    COUNT_MAX,
+    DURATION_MS_MAX,
+    DURATION_MS_MIN,
+    PER_S_MAX,
+    PER_S_MIN,
+    TEXT_MAX,
+    FaultDirection,
+    FaultKind,
+)
 
 OFF_MAX_S = 20.0
 
@@ -141,6 +151,8 @@ class ControlDone(Described):
 class PowerOrder(Described):
     """What to do to the supply."""
 
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
     action: Literal["on", "off", "cycle"] = Field(description="cycle: off, and on again")
     off_s: float = Field(
         0.0, ge=0.0, le=OFF_MAX_S, description="how long a cycle takes, in seconds of the line"
@@ -179,6 +191,53 @@ class TrafficList(Described):
 
     line: str
     messages: list[TrafficMessage]
+
+
+FaultNumber = Annotated[int, Field(ge=1, description="its number, from 1; never used again")]
+
+
+class FaultOrder(Described):
+    """A fault of the wire: what goes wrong, how often, and with which messages."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+    kind: FaultKind = Field(description="what goes wrong; not every wire can have every one")
+    direction: FaultDirection | None = Field(None, description="where the message goes; null: both")
+    message: str = Field(
+        "", max_length=TEXT_MAX, description="words of its meaning, as a transcript shows it"
+    )
+    hex: str = Field(
+        "", max_length=TEXT_MAX, description="bytes in it, '..' for any; '581#' for an identifier"
+    )
+    count: int | None = Field(
+        None, ge=1, le=COUNT_MAX, description="how many times; null: once, or without end by rate"
+    )
+    chance: float | None = Field(None, ge=0.0, le=1.0, description="rate: of each message")
+    per_s: float | None = Field(
+        None, ge=PER_S_MIN, le=PER_S_MAX, description="rate: times a second, by itself"
+    )
+    duration_ms: float | None = Field(
+        None, ge=DURATION_MS_MIN, le=DURATION_MS_MAX, description="how long, of kinds that last"
+    )
+
+
+class FaultInfo(FaultOrder):
+    """A fault of the wire, with what it has done so far."""
+
+    number: FaultNumber
+    line: str = Field(description="name of its line")
+    seen: int = Field(description="messages that it could have acted on")
+    acted: int = Field(description="how many times it did something")
+    over: bool = Field(description="whether it has acted as often as it may")
+    last_ns: Nanoseconds | None = Field(description="when it acted last; null: never")
+    last: str = Field(description="what it did then")
+
+
+class FaultList(Described):
+    """Faults of a wire."""
+
+    line: str
+    faults: list[FaultInfo]
 
 
 class Allowed(Described):

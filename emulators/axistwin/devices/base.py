@@ -6,13 +6,15 @@ Calls arrive in the order of time.  A device never looks at anything but its arg
 
 from collections import deque
 from collections.abc import Container, Mapping
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from axistwin.devices.snapshot import Snapshot
 from axistwin.kernel.effects import Effect
 from axistwin.kernel.time import Nanos
-from axistwin.wire.can_frame import CanFrame
 from axistwin.wire.framing import Chunk, LineFormat
+
+if TYPE_CHECKING:
+    from axistwin.wire.can_frame import CanFrame
 
 
 class Device(Protocol):
@@ -113,13 +115,13 @@ class UsbDevice(Protocol):
 class CanDevice(Device, Protocol):
     """A device with a CAN controller."""
 
-    def accepts(self, frame: CanFrame) -> bool:
+    def accepts(self, frame: "CanFrame") -> bool:
         """Whether ``frame`` may have an effect here; False spares the call of ``receive``."""
 
-    def receive(self, frame: CanFrame, end_ns: Nanos) -> list[Effect]:
+    def receive(self, frame: "CanFrame", end_ns: Nanos) -> list[Effect]:
         """Take a frame of another station, complete at ``end_ns``."""
 
-    def sent(self, frame: CanFrame, end_ns: Nanos) -> list[Effect]:
+    def sent(self, frame: "CanFrame", end_ns: Nanos) -> list[Effect]:
         """Learn that ``frame``, a ``SendFrame`` of this device, was on the bus until ``end_ns``."""
 
 

@@ -171,8 +171,7 @@ class ControlTable:
         return [control.python_name for control in self.controls if control.python_name]
 
 
-@dataclass(frozen=True, slots=True)
-class AxisReadout:
+class AxisReadout(NamedTuple):
     """How the motion of a device is followed, to be plotted.
 
     names: of its axes.  unit: of positions.  position, rate: the controls that have them (rate per

@@ -44,37 +44,3 @@ def report_text(content: bytes) -> str:
     told = content.rstrip(b"\0")
     is_text = told.isascii() and told.decode("latin-1").isprintable()
     return told.decode("ascii") if is_text else told.hex(" ").upper()
-
-
-@dataclass(frozen=True, slots=True)
-class ProgramStarted(Trace):
-    """The user's program runs from its beginning."""
-
-    def __str__(self) -> str:
-        return "its program starts"
-
-
-@dataclass(frozen=True, slots=True)
-class ProgramStopped(Trace):
-    """The user's program was stopped, or has stopped itself."""
-
-    def __str__(self) -> str:
-        return "its program has stopped"
-
-
-@dataclass(frozen=True, slots=True)
-class StrayReturn(Trace):
-    """The user's program came to its end, which it must not."""
-
-    def __str__(self) -> str:
-        return "its program has stopped: run came to its end"
-
-
-@dataclass(frozen=True, slots=True)
-class ProgramFailed(Trace):
-    """The user's program raised an exception; ``error`` says where and why."""
-
-    error: str
-
-    def __str__(self) -> str:
-        return f"its program has stopped with an error: {self.error}"

@@ -209,6 +209,16 @@ class Variable:
         program._scan.new_data[self.address] = _whole(self.name, value)
 
 
+class ScanCount(Variable):
+    """A variable to which the controller itself adds 1 in every scan; the program only reads it.
+
+    So a program that counts its scans can wait, and need not be run in each of them.
+    """
+
+    def __set__(self, program: ScannedProgram, value: int) -> None:
+        raise ProgramError(f"{self.name} = {value!r}: the controller counts its scans there")
+
+
 class ArrayInUse(Sequence[int]):
     """An array as a running program has it: a sequence of ``int`` whose elements can be set."""
 

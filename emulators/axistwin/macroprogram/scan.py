@@ -66,6 +66,9 @@ class Condition:
 
     __slots__ = ()
 
+    is_timed = False
+    """Whether it may come to hold although neither flags nor data change: see ``may_hold_ns``."""
+
     def holds(self) -> bool:
         """Whether it holds in the present scan."""
         raise NotImplementedError
@@ -88,11 +91,12 @@ class Condition:
 
 
 class _Both(Condition):
-    __slots__ = ("_first", "_may_hold_ns", "_second")
+    __slots__ = ("_first", "_may_hold_ns", "_second", "is_timed")
 
     def __init__(self, first: Condition, second: Condition) -> None:
         self._first, self._second = first.holds, second.holds
-        self._may_hold_ns = (first.may_hold_ns, second.may_hold_ns)
+        self._may_hold_ns = [each.may_hold_ns for each in (first, second) if each.is_timed]
+        self.is_timed = bool(self._may_hold_ns)
 
     def holds(self) -> bool:
         return self._first() and self._second()
@@ -110,10 +114,11 @@ class _Either(_Both):
 
 
 class _Not(Condition):
-    __slots__ = ("_condition",)
+    __slots__ = ("_condition", "is_timed")
 
     def __init__(self, condition: Condition) -> None:
         self._condition = condition
+        self.is_timed = condition.is_timed
 
     def holds(self) -> bool:
         return not self._condition.holds()
@@ -126,6 +131,8 @@ class After(Condition):
     """It is ``due_ns`` or later."""
 
     __slots__ = ("_due_ns", "_scan")
+
+    is_timed = True
 
     def __init__(self, scan: Scan, due_ns: Nanos) -> None:
         self._scan, self._due_ns = scan, due_ns
@@ -140,25 +147,27 @@ class After(Condition):
 
 
 class Until(Condition):
-    """A function says yes."""
+    """A function says yes.  is_steady: as of ``until``."""
 
-    __slots__ = ("_ask",)
+    __slots__ = ("_ask", "is_timed")
 
-    def __init__(self, ask: Callable[[], object]) -> None:
-        self._ask = ask
+    def __init__(self, ask: Callable[[], object], *, is_steady: bool = False) -> None:
+        self._ask, self.is_timed = ask, not is_steady
 
     def holds(self) -> bool:
         """Ask it."""
         return bool(self._ask())
 
     def may_hold_ns(self, now: Nanos) -> Nanos | None:
-        """At any time."""
-        return now + 1  # whatever it looks at may change by itself
+        """At any time, unless it is steady."""
+        return now + 1 if self.is_timed else None  # whatever it looks at may change by itself
 
 
-def until(ask: Callable[[], object]) -> Condition:
+def until(ask: Callable[[], object], *, is_steady: bool = False) -> Condition:
     """A condition that holds when ``ask()`` is true; it is asked in each scan.
 
     ``yield ask`` does the same; this is for joining it with others.
+    is_steady: ``ask`` looks at nothing but flags, variables and arrays of the program, and does
+    nothing; then it need not be asked in scans before which none of them has changed.
     """
-    return Until(ask)
+    return Until(ask, is_steady=is_steady)

@@ -12,7 +12,7 @@ Clients come and go
 - The slave is not kept open here.  When the last client closes it, the master first gives the rest
   of the data and then EIO, again and again; so reading stops, and what that client has left unread
   is dropped, as a closed serial port drops it.
-- An inotify watch tells of the next open.  It may merge two opens into one notice, so nothing is
+- The loop tells of the next open (``opens``).  It may tell two opens as one, so nothing is
   counted: whether somebody is there is always the answer of the master itself.
 - The settings outlive the clients, as those of a real port do; only "raw" is put back.
 
@@ -26,7 +26,6 @@ they are gone, since a client that closes and opens again is faster than any not
 """
 
 import contextlib
-import ctypes
 import fcntl
 import os
 import pty
@@ -55,9 +54,6 @@ _SETTINGS = struct.Struct("=IIII20sII")
 _NO_SETTINGS = bytes(_SETTINGS.size)
 _COOKED = termios.ICANON | termios.ECHO | termios.ISIG
 _ARMED = termios.ECHONL | termios.ECHOK
-
-_IN_OPEN = 0x20
-_NOTICES_MAX = 4096
 
 
 class Owner(Protocol):
@@ -89,7 +85,8 @@ class PseudoTerminal(ABC, Generic[ServerT]):
         self.device = ""
         self._link = Link(link, self.option)
         self._first_baud = baud
-        self._master = self._inotify = -1
+        self._master = -1
+        self._watch: int | None = None
         self._stream: Stream | None = None
         self._server: ServerT | None = None
 
@@ -116,13 +113,18 @@ class PseudoTerminal(ABC, Generic[ServerT]):
         os.set_blocking(self._master, False)
         set_rate(self._master, self._first_baud)
         os.close(slave)
-        self._inotify = _watch_opens(self.device)
         self._link.point(self.device)
 
     def attach(self, server: ServerT) -> None:
-        """Wait for clients."""
+        """Wait for clients.  Raises PortError."""
         self._server = server
-        server.loop.add_reader(self._inotify, self._opened)
+        try:
+            self._watch = server.loop.add_open_watch(self.device, self._opened)
+        except OSError as error:
+            raise PortError(
+                f"pty {self.device}: clients cannot be noticed, inotify fails ({error.strerror}); "
+                "end other programs or raise fs.inotify.max_user_instances"
+            ) from None
         self._opened()  # somebody may have been faster than we
 
     def close(self) -> None:
@@ -130,19 +132,17 @@ class PseudoTerminal(ABC, Generic[ServerT]):
         if self._server is not None:
             if self._stream is not None:
                 self._end_stream()
-            self._server.loop.remove_reader(self._inotify)
-        self._server = None
+            if self._watch is not None:
+                self._server.loop.remove_open_watch(self._watch)
+        self._server = self._watch = None
         self._link.remove()
-        for fd in (self._inotify, self._master):
-            if fd >= 0:
-                os.close(fd)
-        self._inotify = self._master = -1
+        if self._master >= 0:
+            os.close(self._master)
+        self._master = -1
 
     def _opened(self) -> None:
         """Somebody opens the pty, or did and has gone again, leaving bytes or not."""
         assert self._server is not None
-        with contextlib.suppress(BlockingIOError):
-            os.read(self._inotify, _NOTICES_MAX)
         if self._stream is not None:
             return
         if _wants_reading(self._master):
@@ -299,18 +299,3 @@ def _drop_unread(device: str) -> None:
             fcntl.ioctl(slave, termios.TIOCNXCL)
         finally:
             os.close(slave)
-
-
-def _watch_opens(device: str) -> int:
-    """An inotify descriptor that becomes readable when ``device`` is opened.  Raises PortError."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    fd: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
-    if fd < 0 or libc.inotify_add_watch(fd, device.encode(), _IN_OPEN) < 0:
-        reason = os.strerror(ctypes.get_errno())
-        if fd >= 0:
-            os.close(fd)
-        raise PortError(
-            f"pty {device}: clients cannot be noticed, inotify fails ({reason}); "
-            "end other programs or raise fs.inotify.max_user_instances"
-        )
-    return fd

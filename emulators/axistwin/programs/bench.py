@@ -11,7 +11,16 @@ Variables from 6144 on: ``counter``, ``ticks`` (1 more every scan), ``pulses``, 
 which the first and the last value of the block differed), and at 6272 the ``block`` of 32 values.
 """
 
-from axistwin.macroprogram import Array, Macroprogram, Timer, UserFlag, Variable
+from axistwin.macroprogram import (
+    Array,
+    Macroprogram,
+    ScanCount,
+    Steps,
+    Timer,
+    UserFlag,
+    Variable,
+    until,
+)
 
 FLAGS, TIMER, VARIABLES = 240, 32, 6144
 
@@ -28,14 +37,26 @@ class Bench(Macroprogram):
     timer = Timer(TIMER)
 
     counter = Variable(VARIABLES)
-    ticks = Variable(VARIABLES + 4)
+    ticks = ScanCount(VARIABLES + 4)
     pulses = Variable(VARIABLES + 8)
     torn = Variable(VARIABLES + 12)
     block = Array(VARIABLES + 128, 32)
 
-    def scan(self) -> None:
+    def run(self) -> Steps:
+        """Wait until something is to be done: most scans only count."""
+        rises = self.pulse.rise | self.timed.rise
+        work = self.count | self.halt | rises | until(lambda: self.is_torn, is_steady=True)
+        while True:
+            self.work()
+            yield work
+
+    @property
+    def is_torn(self) -> bool:
+        """Whether the block has not come as a whole."""
+        return self.block[0] != self.block[-1]
+
+    def work(self) -> None:
         """One scan."""
-        self.ticks += 1
         if self.count:
             self.count = False
             self.counter += 1
@@ -44,7 +65,7 @@ class Bench(Macroprogram):
         if self.timed.rise:
             self.timed = False
             self.timer.start(TIMED_MS)
-        if self.block[0] != self.block[-1]:
+        if self.is_torn:
             self.torn += 1
         if self.halt:
             self.halt = False

@@ -17,6 +17,9 @@ Rules
    port alone, and counted.
 6. Whoever calls a device's methods from outside does so at ``now_ns``, and hands the effects to
    ``perform``.  The supply goes through ``power_off`` and ``power_on`` here: the bus must know.
+7. Faults of the wire act on what the listeners get of a frame that was on the bus: its sender knows
+   nothing of it, and the record has the frame as it was.  What one delays, later ones of its
+   direction wait for.  Error frames and a dominant bus are the bus' own.
 """
 
 from collections import deque
@@ -30,6 +33,7 @@ from axistwin.kernel.time import Nanos
 from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.wire.can_bus import CanBus, Change, ControllerState, Fault, Happening, Heard
 from axistwin.wire.can_frame import CanFrame
+from axistwin.wire.faults import Disturbance, WireFaults
 
 PORT_QUEUE_FRAMES: Final = 4096
 """Frames, and as many error reports, that a port keeps for a host that does not take them."""
@@ -81,13 +85,19 @@ class CanNetwork(DeviceNetwork[CanDevice]):
         bitrate: int,
         start_ns: Nanos = 0,
         paced: bool = True,
+        faults: WireFaults | None = None,
     ) -> None:
-        super().__init__(devices, start_ns)
+        self._late: dict[bool, deque[tuple[Nanos, CanFrame, tuple[int, ...]]]] = {
+            False: deque(),
+            True: deque(),
+        }
+        """By whether they go to the hosts: frames that faults hold back, until when, for whom."""
+        super().__init__(devices, start_ns, faults or WireFaults("can"))
         self.bitrate = bitrate
         self.is_paced = paced
         self.arrivals_count = 0
         self.long_span_ns: Nanos = 0
-        self._bus = CanBus(bitrate if paced else None, start_ns)
+        self._bus = CanBus(bitrate if paced else None, start_ns, is_destroyed=self._is_destroyed)
         for index in range(len(self.devices)):
             station = self._bus.attach(start_ns)
             assert station == index
@@ -109,8 +119,10 @@ class CanNetwork(DeviceNetwork[CanDevice]):
         if now == self.settled_ns:
             return
         steps, began_ns = 0, self.now_ns
-        while self._run_next(now):
-            steps += 1
+        due_ns = self.next_event()
+        if due_ns is not None and due_ns <= now:  # by far the most common is that nothing is due
+            while self._run_next(now):
+                steps += 1
         self.long_span_ns = now - began_ns if steps >= MANY_STEPS else 0
         self._stand_at(now)
         self.settled_ns = now
@@ -173,12 +185,69 @@ class CanNetwork(DeviceNetwork[CanDevice]):
                 self.perform(station, devices[station].sent(frame, end_ns))
             elif self._ports[station].hears_own:
                 self._arrive(self._ports[station], Arrival(end_ns, frame, is_own=True))
-        arrival = Arrival(end_ns, frame)
-        for station in heard.listeners:
+        if self.faults.is_idle and not self._is_holding:
+            self._reach(end_ns, frame, heard.listeners)
+        else:
+            self._pass_on(heard)
+
+    def _reach(self, end_ns: Nanos, frame: CanFrame, listeners: tuple[int, ...]) -> None:
+        """``listeners`` get ``frame`` at ``end_ns``."""
+        arrival, devices = Arrival(end_ns, frame), self.devices
+        for station in listeners:
             if station >= len(devices):
                 self._arrive(self._ports[station], arrival)
             elif devices[station].accepts(frame):
                 self.perform(station, devices[station].receive(frame, end_ns))
+
+    # -- what goes wrong on the bus (rule 7) --
+
+    @property
+    def _is_holding(self) -> bool:
+        return bool(self._late[False] or self._late[True])
+
+    def _is_of_device(self, station: int) -> bool:
+        return station < len(self.devices)
+
+    def _is_destroyed(self, now: Nanos, frame: CanFrame, sender: int) -> bool:
+        """Whether an error frame destroys it."""
+        if self.faults.is_idle:
+            return False
+        return self.faults.destroys(now, frame, to_host=self._is_of_device(sender))
+
+    def _pass_on(self, heard: Heard) -> None:
+        """Let the listeners get what the faults make of the frame, behind what is held back."""
+        end_ns, frame, senders, listeners = heard
+        to_host = self._is_of_device(senders[0])
+        passage = self.faults.passage(end_ns, frame, to_host=to_host)
+        late = self._late[to_host]
+        for gap_ns, piece in [(0, frame)] if passage is None else passage.pieces:
+            due_ns = max(end_ns + gap_ns, late[-1][0] if late else 0)
+            if due_ns > end_ns:
+                late.append((due_ns, piece, listeners))
+            else:
+                self._reach(end_ns, piece, listeners)
+        self._touch_faults()
+
+    def next_disturbance(self) -> Nanos | None:
+        """Also when a frame that is held back is due."""
+        due_ns = super().next_disturbance()
+        for late in self._late.values():
+            if late and (due_ns is None or late[0][0] < due_ns):
+                due_ns = late[0][0]
+        return due_ns
+
+    def disturb(self, now: Nanos) -> None:
+        """Also pass on the frames that were held back until ``now``."""
+        super().disturb(now)
+        for late in self._late.values():
+            while late and late[0][0] <= now:
+                _, frame, listeners = late.popleft()
+                there = [each for each in listeners if self._bus.is_attached(each)]
+                self._reach(now, frame, tuple(there))
+
+    def _disturb(self, disturbance: Disturbance) -> None:
+        assert disturbance.kind == "busy", "what else a bus can have comes with frames"
+        self._bus.hold_dominant(self.now_ns, self.now_ns + disturbance.value)
 
     def _arrive(self, port: _Port, arrival: Arrival) -> None:
         if len(port.arrivals) < PORT_QUEUE_FRAMES:

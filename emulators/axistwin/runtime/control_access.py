@@ -329,6 +329,11 @@ class Controls(Mapping[str, BoundControl]):
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
+    def __contains__(self, name: object) -> bool:
+        # Not by ``__getitem__`` alone: it looks for names that resemble one that is unknown.
+        row = name.partition(".")[0] if isinstance(name, str) else name
+        return row in self._rows and super().__contains__(name)
+
     def read_all(self, *, is_live: bool = False) -> tuple[Nanos, dict[str, Any]]:
         """The present time, and all that can be read then: plain values by name.
 

@@ -2,12 +2,14 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from axistwin.devices.base import Device
 from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.schedule import Schedule
 from axistwin.kernel.time import Nanos
+from axistwin.wire.faults import Disturbance, FaultReport, WireFaults
+from axistwin.wire.wire_fault import WireFault
 
 DeviceT = TypeVar("DeviceT", bound=Device)
 
@@ -30,19 +32,38 @@ class _ScheduledDevice:
         self._apply(self._index, self._device.wake(now))
 
 
+class _ScheduledFaults:
+    """Wakes ``network`` for what the faults of its wire do by themselves."""
+
+    __slots__ = ("_network",)
+
+    def __init__(self, network: "DeviceNetwork[Any]") -> None:
+        self._network = network
+
+    def next_event(self) -> Nanos | None:
+        """When one is due."""
+        return self._network.next_disturbance()
+
+    def run(self, now: Nanos) -> None:
+        """Do what is due at ``now``."""
+        self._network.disturb(now)
+
+
 class DeviceNetwork(ABC, Generic[DeviceT]):
     """``devices`` (one at least) and what connects them.  Pure: the shell says how late it is.
 
+    ``faults``: those of the wire; ``add_fault`` and ``remove_fault`` change them.
     ``settled_ns``: the time at which nothing is left to be done, until something else is done.
     """
 
-    def __init__(self, devices: Sequence[DeviceT], start_ns: Nanos) -> None:
+    def __init__(self, devices: Sequence[DeviceT], start_ns: Nanos, faults: WireFaults) -> None:
         assert devices, "a network has at least one device"
         self.devices = tuple(devices)
+        self.faults = faults
         self.settled_ns: Nanos | None = None
         self._effects: list[tuple[int, Store | Trace]] = []
         parts = [_ScheduledDevice(each, at, self.apply) for at, each in enumerate(self.devices)]
-        self._schedule = Schedule(parts, start_ns)
+        self._schedule = Schedule([*parts, _ScheduledFaults(self)], start_ns)
 
     @property
     def now_ns(self) -> Nanos:
@@ -85,3 +106,34 @@ class DeviceNetwork(ABC, Generic[DeviceT]):
     @abstractmethod
     def _switch(self, index: int, *, on: bool) -> None:
         """Have what drives the wire for device ``index`` take part, or not."""
+
+    # -- what goes wrong on the wire --
+
+    def add_fault(self, fault: WireFault) -> int:
+        """Have ``fault`` act from now on; its number.  Raises UsageError."""
+        number = self.faults.add(fault, self.now_ns)
+        self._touch_faults()
+        return number
+
+    def remove_fault(self, number: int) -> FaultReport:
+        """Take the fault with that number away.  Raises UnknownNameError."""
+        report = self.faults.remove(number)
+        self._touch_faults()
+        return report
+
+    def _touch_faults(self) -> None:
+        self.settled_ns = None
+        self._schedule.touch(len(self.devices))
+
+    def next_disturbance(self) -> Nanos | None:
+        """When something is next due that comes of no device."""
+        return self.faults.next_event()
+
+    def disturb(self, now: Nanos) -> None:
+        """Do to the wire what comes of no device, and is due ``now``."""
+        for disturbance in self.faults.take_due(now):
+            self._disturb(disturbance)
+
+    @abstractmethod
+    def _disturb(self, disturbance: Disturbance) -> None:
+        """Do to the wire what a fault wants now."""

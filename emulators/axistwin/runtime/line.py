@@ -134,9 +134,10 @@ class Line(Simulation[SerialNetwork]):
 
     def _rate_note(self) -> str:
         """What the transcript says of bytes sent now; nothing if the rates agree."""
-        mismatch = self.rate_mismatch
-        if mismatch is None:
+        if self._network.is_host_understood:  # by far the most common
             return ""
+        mismatch = self.rate_mismatch
+        assert mismatch is not None
         return f"not understood: sent at {mismatch[0]}, {listening(mismatch[1])}"
 
     def send(self, data: bytes, backlog_max: int | None = None) -> int:
@@ -226,6 +227,12 @@ class Line(Simulation[SerialNetwork]):
             if answer:
                 self.transcript.add(reached_ns, "device", answer)
             return began_ns, answer, reached_ns
+
+    @property
+    def upcoming(self) -> bytes:
+        """What ``receive`` will give next, as far as that is certain; no time passes."""
+        with self._lock:
+            return self._network.host_upcoming
 
     @property
     def has_news(self) -> bool:

@@ -27,9 +27,11 @@ from axistwin.kernel.time import Nanos
 from axistwin.runtime.audience import Audience
 from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.wire.duplex_line import DuplexLine
+from axistwin.wire.faults import Disturbance, WireFaults
 from axistwin.wire.framing import Chunk, LineFormat
 from axistwin.wire.instant_line import InstantLine
 from axistwin.wire.serial_line import HOST, STRETCH_BYTES, SerialLine
+from axistwin.wire.wire_fault import WireFault
 
 HOST_BUFFER_BYTES: Final = 65536
 
@@ -44,6 +46,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
     wires of its own if all devices are made for that.
     host_format: the host's format; by default that of the first device.
     ``host_overruns`` counts the bytes lost because the host's buffer was full.
+    ``is_host_understood``: whether the host's rate is near enough to a device's for its UART.
     """
 
     def __init__(
@@ -53,8 +56,9 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         start_ns: Nanos = 0,
         paced: bool = True,
         host_format: LineFormat | None = None,
+        faults: WireFaults | None = None,
     ) -> None:
-        super().__init__(devices, start_ns)
+        super().__init__(devices, start_ns, faults or WireFaults("serial"))
         self.host_overruns = 0
         formats = [each.line_format for each in self.devices]
         all_formats = [host_format or formats[0], *formats]
@@ -64,6 +68,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         else:
             self._line = (SerialLine if paced else InstantLine)(all_formats, start_ns)
         self._formats = formats
+        self.is_host_understood = self._understands_host()
         self._is_paced = paced
         self._is_lone = len(devices) == 1
         self._hear_one_another = not (self._is_lone or isinstance(self._line, DuplexLine))
@@ -71,6 +76,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         self._drops_bad = [getattr(each, "drops_bad_characters", False) for each in self.devices]
         self.asked_ns: Nanos | None = None
         self._received = bytearray()
+        self._unpowered: set[int] = set()
 
     # -- time --
 
@@ -167,6 +173,12 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
 
     def _hear(self, chunk: Chunk, stations: tuple[int, ...]) -> None:
         """Hand over as much of ``chunk`` as surely happens before anybody reacts."""
+        if not self.faults.is_idle:
+            stations = self._still_heard(chunk, stations)
+            if not stations:
+                self._line.accept(len(chunk.data))
+                self._schedule.now = self._line.now_ns
+                return
         if stations == (HOST,):
             self._line.accept(len(chunk.data))
             self._schedule.now = self._line.now_ns
@@ -229,7 +241,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         self._follow_format(index)
         for effect in effects:
             if type(effect) is Transmit:
-                self._line.transmit(index + 1, effect.start_ns, effect.data)
+                self._send(index + 1, effect.start_ns, effect.data)
             elif type(effect) is Silence:
                 self._line.switch_off(index + 1)
                 self._line.switch_on(index + 1)
@@ -242,8 +254,10 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         if line_format is not self._formats[index]:
             self._formats[index] = line_format
             self._line.set_format(index + 1, line_format)
+            self.is_host_understood = self._understands_host()
 
     def _switch(self, index: int, *, on: bool) -> None:
+        (self._unpowered.discard if on else self._unpowered.add)(index)
         self._audience.leave(index)
         (self._line.switch_on if on else self._line.switch_off)(index + 1)
 
@@ -258,12 +272,13 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
     def host_format(self, line_format: LineFormat) -> None:
         self.settled_ns = None
         self._line.set_format(HOST, line_format)
+        self.is_host_understood = self._understands_host()
 
     def host_send(self, data: bytes) -> None:
         """Queue ``data`` behind what the host still sends."""
         if not self._is_paced:  # else it takes time until something is heard of it
             self.settled_ns = None
-        self._line.transmit(HOST, self.now_ns, data)
+        self._send(HOST, self.now_ns, data)
 
     def host_exchange(self, now: Nanos, data: bytes) -> None:
         """Let all happen that is due by ``now``, send ``data``, and let happen what that brings."""
@@ -282,6 +297,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         if not (
             line.is_transparent
             and self._is_lone
+            and self.faults.is_idle
             and 0 < len(data) <= STRETCH_BYTES
             and schedule.is_idle_until(now)
         ):
@@ -291,12 +307,10 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
             return False
         line.now_ns = schedule.now = now
         effects: Sequence[Effect] = device.receive(Chunk(now, data, None))
-        if device.line_format is self._formats[0] and all(
-            type(effect) is Transmit and effect.start_ns <= now for effect in effects
+        if device.line_format is self._formats[0] and (
+            len(effects) == 1 and type(reply := effects[0]) is Transmit and reply.start_ns <= now
         ):
-            for effect in effects:
-                assert isinstance(effect, Transmit)
-                self._host_hears(effect.data)
+            self._host_hears(reply.data)
             effects = ()
         self.apply(0, effects)
         schedule.touch(0)
@@ -313,7 +327,8 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         """
         line, schedule, line_format = self._line, self._schedule, self._formats[0]
         self.asked_ns = None
-        ahead = None if self._received else line.ahead_of_host()
+        is_direct = self.faults.is_idle and not self._received
+        ahead = line.ahead_of_host() if is_direct else None
         if ahead is None:
             return None
         began_ns, sending, skipped = ahead
@@ -441,14 +456,11 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         """The rates that the devices listen at now, each once, in their order."""
         return tuple(dict.fromkeys(each.baud for each in self._formats))
 
-    @property
-    def is_host_understood(self) -> bool:
-        """Whether the host's rate is near enough to a device's for its UART to hear the bytes."""
+    def _understands_host(self) -> bool:
         rate = self._line.format_of(HOST).baud
-        for each in self._formats:
-            if abs(each.baud - rate) * RATE_TOLERANCE_PARTS <= each.baud:
-                return True
-        return False
+        return any(
+            abs(each.baud - rate) * RATE_TOLERANCE_PARTS <= each.baud for each in self._formats
+        )
 
     @property
     def host_backlog(self) -> int:
@@ -465,6 +477,14 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         """How many bytes have arrived at the host and were not taken."""
         return len(self._received)
 
+    @property
+    def host_upcoming(self) -> bytes:
+        """What the host will take next: what has arrived, and what surely follows on the line."""
+        stretch = self._line.peek_stretch()
+        if stretch is None or HOST not in stretch[1]:
+            return bytes(self._received)
+        return bytes(self._received) + stretch[0].data
+
     def host_take(self, limit: int | None = None) -> bytes:
         """Take the bytes that have arrived by now, ``limit`` (>= 0) of them at most."""
         if limit is None or limit >= len(self._received):
@@ -478,3 +498,49 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
     def next_host_byte_ns(self) -> Nanos | None:
         """When the next byte under way to the host is complete, as far as is known; else None."""
         return self._line.next_arrival_at(HOST)
+
+    # -- what goes wrong on the line --
+
+    def _send(self, station: int, start_ns: Nanos, data: bytes) -> None:
+        """Put on the line what the faults make of ``data``."""
+        line, passage = self._line, None
+        if not self.faults.is_idle and data:
+            first_ns, bits = max(start_ns, line.sent_ns(station)), line.format_of(station).data_bits
+            passage = self.faults.passage(first_ns, data, to_host=station != HOST, data_bits=bits)
+            self._touch_faults()
+        if passage is None:
+            line.transmit(station, start_ns, data)
+            return
+        if passage.break_ns:
+            line.send_break(station, start_ns, passage.break_ns)
+        for gap_ns, piece in passage.pieces:
+            line.transmit(station, max(start_ns, line.sent_ns(station)) + gap_ns, piece)
+
+    def _still_heard(self, chunk: Chunk, stations: tuple[int, ...]) -> tuple[int, ...]:
+        """Those of ``stations`` to whom the line is not cut."""
+        arrival_ns = chunk.arrival_ns(0)
+        if self.faults.is_lost(arrival_ns, to_host=True):
+            stations = tuple(each for each in stations if each != HOST)
+        if self.faults.is_lost(arrival_ns, to_host=False):
+            stations = tuple(each for each in stations if each == HOST)
+        return stations
+
+    def _disturb(self, disturbance: Disturbance) -> None:
+        kind, fault, value = disturbance
+        if kind == "break":
+            for station in (HOST, 1):
+                if fault.concerns(to_host=station != HOST):
+                    self._line.send_break(station, self.now_ns, value)
+        elif kind == "busy":
+            self._all_hear(Chunk(self.now_ns, b"\0", None, errors=(0,)), fault)
+        elif self._line.is_silent:
+            self._all_hear(Chunk(self.now_ns, bytes([value]), None), fault)
+
+    def _all_hear(self, chunk: Chunk, fault: WireFault) -> None:
+        """Let everybody in the direction of ``fault`` take the one byte of ``chunk``, now."""
+        if fault.concerns(to_host=True):
+            self._host_hears(chunk.data)
+        if fault.concerns(to_host=False):
+            stations = [at + 1 for at in range(len(self.devices)) if at not in self._unpowered]
+            if not (chunk.errors and all(self._drops_bad[each - 1] for each in stations)):
+                self._devices_hear(chunk, self._audience.heard_by(stations))

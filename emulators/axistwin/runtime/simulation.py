@@ -18,12 +18,23 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Generic, Self, TypeAlias, TypeVar, cast
+from typing import (
+    Any,
+    ClassVar,
+    Final,
+    Generic,
+    Self,
+    TypeAlias,
+    TypedDict,
+    TypeVar,
+    Unpack,
+    cast,
+)
 
 from axistwin.devices.base import TwinDevice
 from axistwin.devices.controls import ControlTable
 from axistwin.devices.motion_controls import MOTION
-from axistwin.errors import StateError
+from axistwin.errors import StateError, UnknownNameError
 from axistwin.kernel.effects import Effect, Store, Trace
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.any_twin import AnyTwin
@@ -32,12 +43,27 @@ from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.runtime.storage import Slot, Stores
 from axistwin.runtime.transcript import Message, MessageSubscriber
 from axistwin.runtime.twin import handle_class
+from axistwin.wire.faults import FaultAct, FaultReport
+from axistwin.wire.wire_fault import FaultDirection, FaultKind, make_fault
 
 JOURNAL_MAX: Final = 1000
 HAND: Final = "test"
 """Who does in the journal what is done by hand."""
 
 Subscriber: TypeAlias = Callable[[AnyTwin, Trace], None]
+FaultSubscriber: TypeAlias = Callable[[FaultAct], None]
+
+
+class FaultSelection(TypedDict, total=False):
+    """The fields of ``WireFault`` beside its kind."""
+
+    direction: FaultDirection | None
+    message: str
+    hex: str
+    count: int | None
+    chance: float | None
+    per_s: float | None
+    duration_ms: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +82,62 @@ class Station:
 
 Told = TypeVar("Told", bound=Callable[..., None])
 Net = TypeVar("Net", bound=DeviceNetwork[Any])
+
+
+class LineFaults:
+    """The faults of the wire of ``simulation``: what goes wrong on it, and how often it has.
+
+    Iterate for a ``FaultReport`` of each, with what it has done so far.
+    """
+
+    def __init__(self, simulation: "Simulation[Any]", network: DeviceNetwork[Any]) -> None:
+        self._simulation, self._network = simulation, network
+
+    def add(self, kind: FaultKind, **selection: Unpack[FaultSelection]) -> int:
+        """Have a fault act from now on, by the fields of ``WireFault``; its number.
+
+        It acts on the next message, unless told otherwise: ``add("drop", direction="to_host")``
+        loses the next reply.  Raises UsageError.
+        """
+        fault = make_fault(self._network.faults.wire, kind=kind, **selection)
+        with self._simulation.changing():
+            number = self._network.add_fault(fault)
+        self._simulation.note(f"faults.add: {number} {fault}")
+        return number
+
+    def remove(self, number: int) -> FaultReport:
+        """Take a fault away, and end what it is doing; what it has done.
+
+        Raises UnknownNameError.
+        """
+        with self._simulation.changing():
+            report = self._network.remove_fault(number)
+        self._simulation.note(f"faults.remove: {number}")
+        return report
+
+    def clear(self) -> None:
+        """Take all away."""
+        for report in self:
+            self.remove(report.number)
+
+    @property
+    def acted(self) -> Mapping[FaultKind, int]:
+        """How many times faults of each kind have acted, removed ones included."""
+        with self._simulation.present():
+            return dict(self._network.faults.acted)
+
+    def __getitem__(self, number: int) -> FaultReport:
+        for report in self:
+            if report.number == number:
+                return report
+        raise UnknownNameError(f"no fault {number}: known: {[each.number for each in self]}")
+
+    def __iter__(self) -> Iterator[FaultReport]:
+        with self._simulation.present():
+            return iter(self._network.faults.reports())
+
+    def __len__(self) -> int:
+        return len(self._network.faults.reports())
 
 
 class Simulation(ABC, Generic[Net]):
@@ -78,6 +160,8 @@ class Simulation(ABC, Generic[Net]):
         self._changed = threading.Condition(self._lock)
         self._on_change: Callable[[], None] | None = None
         self._subscribers: list[Subscriber] = []
+        self._fault_subscribers: list[FaultSubscriber] = []
+        self.faults = LineFaults(self, network)
         self.journal: deque[tuple[Nanos, str, object]] = deque(maxlen=JOURNAL_MAX)
         """When, who and what: done to the devices by hand, and told by them; for a transcript."""
         self._failure: StateError | None = None
@@ -133,6 +217,8 @@ class Simulation(ABC, Generic[Net]):
         network = self._network
         if network.has_effects:
             self._perform(network.take_effects())
+        if network.faults.has_acts:
+            self._tell_acts(network.faults.take_acts())
         if self._note_readable() and not self._storage.is_volatile:
             self.save_moving()
 
@@ -192,6 +278,17 @@ class Simulation(ABC, Generic[Net]):
     def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
         """Give every trace of a device to ``subscriber``; call what is returned to end that."""
         return self._added(self._subscribers, subscriber)
+
+    def subscribe_faults(self, subscriber: FaultSubscriber) -> Callable[[], None]:
+        """As ``subscribe``, for what faults of the wire do; it is called with the line locked."""
+        return self._added(self._fault_subscribers, subscriber)
+
+    def _tell_acts(self, acts: Sequence[FaultAct]) -> None:
+        for act in acts:
+            who = f"fault {act.number} ({act.kind})"
+            self.journal.append((act.time_ns, who, act.text))
+            for subscriber in tuple(self._fault_subscribers):
+                subscriber(act)
 
     def _added(self, subscribers: list[Told], subscriber: Told) -> Callable[[], None]:
         """Add ``subscriber``; what is returned takes it away again."""

@@ -165,6 +165,14 @@ class Serial(SerialBase):
         heard = self._read_on(bytearray(), size, timeout_s, reached_ns)
         return began_ns, heard, shared.line.sync()
 
+    @property
+    def upcoming(self) -> bytes:
+        """What ``read`` will give next, as far as that is certain already; no time passes.
+
+        For test suites in virtual time: what has no length can be read in one piece.
+        """
+        return bytes(self._input) + self.line.upcoming if self._is_plain else b""
+
     # -- life ---------------------------------------------------------------------------------
 
     @_clear_errors

@@ -24,6 +24,8 @@ Rules
    sleeps until somebody comes or goes, and the time of the attempt then under way is computed.
 7. A station whose passive flag ends after the others' counts as back when the next frame begins.
 8. Without a bit rate frames take no time; rules 1 to 7 hold all the same, in the order of bits.
+9. A disturbance may destroy a frame behind its control field, which all count as an error; or hold
+   the bus dominant: a frame under way fails once, and nobody begins before it is over.
 
 Bit positions of a destroyed frame: the flag of the station that sees the error at bit p covers
 p+1..p+6.  If k dominant bits stood on the bus up to and including p, listeners see the sixth at
@@ -31,7 +33,7 @@ p+6-k and their flags end at p+12-k; a sender whose next recessive bit is q ends
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 from axistwin.kernel.time import NS_PER_S, Nanos
@@ -47,6 +49,12 @@ FLAG_BITS: Final = 6
 DELIMITER_BITS: Final = 8
 SUSPEND_BITS: Final = 8
 """What an error-passive station waits beyond the intermission after it has sent."""
+
+DESTROYED_BITS: Final = 20 + 2 * FLAG_BITS + DELIMITER_BITS
+"""Of a frame that a disturbance destroys behind its control field, its error frame included."""
+
+DESTROYED_NS: Final[Nanos] = 100_000
+"""What it takes on a bus without a bit rate, where its repetitions would else never end."""
 
 BITS_AFTER_ACK: Final = 8
 """ACK delimiter and end of frame."""
@@ -81,8 +89,8 @@ class Heard(NamedTuple):
 class Fault(NamedTuple):
     """A frame of ``senders`` failed; the error frame was over at ``end_ns``.
 
-    kind: ``bit`` (another station sent the same arbitration field), ``ack`` (nobody acknowledged),
-    ``stuff`` (its sender left the bus).
+    kind: ``bit`` (another station sent the same arbitration field, or there was a disturbance),
+    ``ack`` (nobody acknowledged), ``stuff`` (its sender left the bus).
     """
 
     end_ns: Nanos
@@ -141,10 +149,19 @@ class CanBus:
     """The wire and the controllers of all its stations.
 
     bitrate: bits per second, > 0, or None for frames that take no time.
+    is_destroyed: asked of each frame that would succeed, with its start and its first sender: true
+    has an error frame destroy it (rule 9).
     """
 
-    def __init__(self, bitrate: int | None, now_ns: Nanos = 0) -> None:
+    def __init__(
+        self,
+        bitrate: int | None,
+        now_ns: Nanos = 0,
+        *,
+        is_destroyed: Callable[[Nanos, CanFrame, int], bool] = lambda now, frame, sender: False,
+    ) -> None:
         assert bitrate is None or bitrate > 0
+        self._is_destroyed = is_destroyed
         self.bitrate = bitrate
         self.now_ns = now_ns
         self._stations: dict[int, _Station] = {}
@@ -239,6 +256,18 @@ class CanBus:
         station = self._stations[number]
         return station.tec, station.rec
 
+    def hold_dominant(self, now: Nanos, until_ns: Nanos) -> None:
+        """Hold the bus dominant from ``now`` on (rule 9)."""
+        self._wake_up(now)
+        self._recessive_ns = max(self._recessive_ns, until_ns)
+        over_ns = self._recessive_ns + self.span_ns(DELIMITER_BITS)
+        attempt = self._attempt
+        if attempt is None:
+            self._idle_ns = max(self._idle_ns, over_ns + self.span_ns(INTERMISSION_BITS))
+        else:
+            attempt.fault = attempt.fault if attempt.fault == "stuff" else "bit"
+            attempt.end_ns = max(attempt.end_ns, over_ns)
+
     # ---- time ------------------------------------------------------------------------------------
 
     def next_event(self) -> Nanos | None:
@@ -320,15 +349,20 @@ class CanBus:
         bits = self._go_on_together(attempt)
         attempt.listeners = self._listeners(attempt)
         attempt.frame = attempt.group[0].queue[0][0]
+        is_disturbed = False
         if bits is not None:
             attempt.fault = "bit"
             bits = self._destroyed_bits(attempt, bits)
+        elif is_disturbed := self._is_destroyed(start_ns, attempt.frame, attempt.group[0].number):
+            attempt.fault, bits = "bit", DESTROYED_BITS
         elif attempt.listeners:
             bits = wire_bits(attempt.frame)
         else:
             attempt.fault = "ack"
             bits = wire_bits(attempt.frame) - BITS_AFTER_ACK + FLAG_BITS + DELIMITER_BITS
         attempt.end_ns = start_ns + self.span_ns(bits)
+        if is_disturbed and self.bitrate is None:
+            attempt.end_ns += DESTROYED_NS
         self._attempt = attempt
 
     def _listeners(self, attempt: _Attempt) -> list[_Station]:

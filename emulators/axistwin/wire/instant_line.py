@@ -12,7 +12,7 @@ Rules
 3. Devices still answer on top of one another: the transmissions of devices that are known when the
    first of them begins, and that begin before it would have ended at its true rate, are sampled
    together as they would have overlapped, and heard together when the first begins.  (What is only
-   sent as a consequence of hearing that cannot collide with it.)
+   sent as a consequence of hearing that cannot collide with it, nor can what the same one sends.)
 4. A break brings no byte to anybody and takes no time: nothing of it is left.
 """
 
@@ -151,6 +151,8 @@ class InstantLine:
 
     def sent_ns(self, station: int) -> Nanos:
         """When all that ``station`` has queued is sent; now, if it is."""
+        if not self._waiting:
+            return self.now_ns
         starts = [each.start_ns for each in self._waiting if each.station == station]
         return max(self.now_ns, *starts) if starts else self.now_ns
 
@@ -234,14 +236,15 @@ class InstantLine:
         self._heard.extend(sampled)
 
     def _take_group(self) -> list[Transmission]:
-        """The earliest transmission and those of other devices that would overlap it."""
+        """The earliest transmission, and one of each other device that would overlap it."""
         group = [self._waiting.pop(0)]
         if group[0].station == HOST:
             return group
         end_ns = group[0].end_ns
         left = []
         for transmission in self._waiting:
-            if transmission.station != HOST and transmission.start_ns < end_ns:
+            sending = {HOST, *(each.station for each in group)}
+            if transmission.station not in sending and transmission.start_ns < end_ns:
                 group.append(transmission)
                 end_ns = max(end_ns, transmission.end_ns)
             else:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from axistwin.kernel.time import Nanos
 from axistwin.runtime.clock import PacedClock
+from axistwin.runtime.transcript import Transcript
 from axistwin.wire.framing import LineFormat
 
 OWN_FORMAT = LineFormat(38400)
@@ -24,6 +25,7 @@ class EchoLine:
         self.formats: list[LineFormat] = []
         self.breaks: list[Nanos] = []
         self.clock = PacedClock()
+        self.transcript = Transcript()
         self.is_volatile = True
         self.is_moving = False
         self.is_blocked = False
@@ -59,6 +61,10 @@ class EchoLine:
     def on_change(self, callback: Callable[[], None] | None) -> None:
         """Whom to tell."""
         self._callback = callback
+
+    def subscribe_faults(self, subscriber: Callable[..., None]) -> Callable[[], None]:
+        """Nothing goes wrong here."""
+        return lambda: None
 
     def send(self, data: bytes) -> None:
         """Hear ``data``."""

@@ -1,8 +1,10 @@
-# An old program's whole life against a daemon that serves a mac23 at ./mac23: all that a person would
-# do at the machine is done by axistwin ctl.  $AXISTWIN_CONTROL says where.  Ends at the first surprise.
+# An old program's whole life against a daemon that serves a mac23 at ./mac23, and a mac23-can on a bus
+# with an slcan adapter at ./mac23-can: all that a person would do at the machine is done by axistwin ctl.
+# $AXISTWIN_CONTROL says where.  Ends at the first surprise.
 set -eu
 
 say() { axistwin send ./mac23 "$@"; }
+say_can() { axistwin send slcan:./mac23-can "$@"; }
 hand() { axistwin ctl mac23 "$@"; }
 wants() { # WANTED WHAT...: the last line of what it says has WANTED
     wanted=$1; shift
@@ -56,4 +58,14 @@ hand power on
 until_is state 'at rest, unpowered'
 wants "position = $kept " say 'position?'
 wants accepted say 'motor on' 'go to 0'
+
+echo emergency
+wants accepted say_can 'motor on'
+axistwin ctl mac23-can faults.micro_cut on # nobody acknowledges the message until the program is back
+wants 'emergency 3100h, status 01 00 00 00 ' say_can 'wait 100 ms'
+wants '> wait 0.1 s' say_can 'wait 100 ms' # it came once
+wants refused say_can 'go to 100'
+axistwin ctl mac23-can faults.micro_cut off
+wants boot-up say_can 'initialise' 'wait 2200 ms'
+wants accepted say_can 'motor on' 'go to 100'
 echo alive

@@ -3,12 +3,13 @@
 import http.client
 import json
 import socket
+from collections.abc import Callable, Mapping
 from typing import Any, Self
 
 from axistwin.catalog import build_bus, build_line, find_model, parse_device
 from axistwin.control.server import ControlServer
 from axistwin.ports.tcp import parse_address
-from axistwin.runtime.clock import PacedClock
+from axistwin.runtime.clock import Clock, PacedClock
 from axistwin.runtime.serving.bus_server import BusServer
 from axistwin.runtime.serving.line_server import Server
 from axistwin.runtime.serving.rack import Rack
@@ -16,6 +17,27 @@ from axistwin.runtime.simulation import Simulation
 
 TIMEOUT_S = 20.0
 """How long anything may take before a test fails."""
+
+
+def add_line(
+    rack: Rack, texts: str, clock: Clock, hear: Callable[[dict[str, Any]], None]
+) -> Simulation[Any]:
+    """A line or bus of ``rack``, without ports, with the devices ``texts``; ``hear``: its events.
+
+    Whoever calls this closes it.
+    """
+    specs = [parse_device(text) for text in texts.split()]
+
+    def report(event: Mapping[str, Any]) -> None:
+        hear(dict(event))
+
+    if find_model(specs[0].model).carrier == "can":
+        bus = build_bus(specs, clock=clock)
+        rack.add(BusServer(bus, [], loop=rack.loop, report=report))
+        return bus
+    line = build_line(specs, clock=clock)
+    rack.add(Server(line, [], loop=rack.loop, report=report))
+    return line
 
 
 class ServedControl:
@@ -28,24 +50,9 @@ class ServedControl:
         self.lines: list[Simulation[Any]] = []
         self.events: list[dict[str, Any]] = []
         for texts in devices:
-            self._add(texts.split(), speed)
+            clock = PacedClock(speed)
+            self.lines.append(add_line(self.rack, texts, clock, self.events.append))
         self.server = ControlServer(self.rack, f"{host}:0", token)
-
-    def _add(self, texts: list[str], speed: float) -> None:
-        specs = [parse_device(text) for text in texts]
-        loop, clock = self.rack.loop, PacedClock(speed)
-
-        def report(event: Any) -> None:
-            self.events.append(dict(event))
-
-        if find_model(specs[0].model).carrier == "can":
-            bus = build_bus(specs, clock=clock)
-            self.lines.append(bus)
-            self.rack.add(BusServer(bus, [], loop=loop, report=report))
-        else:
-            line = build_line(specs, clock=clock)
-            self.lines.append(line)
-            self.rack.add(Server(line, [], loop=loop, report=report))
 
     def __enter__(self) -> Self:
         self.server.open()

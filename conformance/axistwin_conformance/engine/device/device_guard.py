@@ -20,7 +20,8 @@ Rules.
 6. An axis that was seen where nothing leads that it was asked for is moved no more; what is passive
    goes on (`_keep_still`).
 7. A run ends that takes longer than a sound device ever makes it: what is being judged then stays
-   inconclusive, with the reason (`guard`).
+   inconclusive, with the reason (`guard`).  A noisy line is given more time, until something has
+   failed: what looks like noise then may be the device's doing.
 """
 
 from __future__ import annotations
@@ -94,6 +95,7 @@ class DeviceGuard:
     begun_ns: int = 0
     kept: str = ""  # the file that says what the device held
     problems: list[str] = field(default_factory=list)
+    has_failed: bool = False  # in a check, or beside them
     violations: list[CheckResult] = field(default_factory=list)
     ladder: Ladder = field(init=False)
     caused: set[str] = field(default_factory=set)  # reasons of which a violation is the cause
@@ -193,7 +195,7 @@ class DeviceGuard:
 
     def _refuse_when_over(self, run: Run) -> None:
         passed_s = (run.target.now_ns - self.begun_ns) / 1e9
-        is_worth_it = run.quality.is_noisy and not run.quality.is_hopeless
+        is_worth_it = run.quality.is_noisy and not run.quality.is_hopeless and not self.has_failed
         most_s = self.most_s * HELD_UP * (HELD_UP_BY_NOISE if is_worth_it else 1)
         if run.target.is_virtual or passed_s <= most_s:
             return
@@ -487,6 +489,7 @@ class DeviceGuard:
         )
         result = CheckResult(check, Outcome.DONE, (finding,), tuple(session.retries), 0.0, "")
         self.violations.append(result)
+        self.has_failed = True
         self.emit(events.CheckStarted(0, 0, act, behaviour, check.requirements))
         self.emit(result.as_event(0, 0, self.options.command))
 

@@ -40,7 +40,8 @@ class BoardExchange:
     """A request and what came of it.
 
     `found`: the packets; `strays`: what belongs to none.  Times (ns, of the target's clock):
-    `asked_ns` when sending began, `came_ns` when each packet was there.
+    `asked_ns` when sending began, `came_ns` when each packet was there.  `done_codes`: the codes
+    that say of this board that it has obeyed, beside DONE.
     """
 
     request: bytes
@@ -48,11 +49,14 @@ class BoardExchange:
     strays: bytes = b""
     asked_ns: int = 0
     came_ns: tuple[int, ...] = ()
+    done_codes: frozenset[str] = frozenset()
 
     @property
     def codes(self) -> tuple[str, ...]:
         """What the packets say, in their order."""
-        return codec.codes_of(self.found)
+        return tuple(
+            "DONE" if one in self.done_codes else one for one in codec.codes_of(self.found)
+        )
 
     @property
     def raw(self) -> bytes:
@@ -116,10 +120,10 @@ class BoardClient:
     def receive_packet(self, timeout_s: float) -> tuple[BoardPacket | None, bytes]:
         """The next packet, and what came before it or instead of it; `timeout_s` (s) until its
         first byte, the rest has the time it takes on the line."""
-        strays, received = b"", self.target.receive(1, timeout_s)
+        strays, received = b"", self.target.receive(self._missing(b""), timeout_s)
         while received and received[0] < codec.ADDRESS_MARK and len(strays) < MOST_STRAYS:
             strays += received
-            received = self.target.receive(1, timeout_s)
+            received = self.target.receive(self._missing(b""), timeout_s)
         while received and not codec.packet_end(received) and len(received) < LONGEST_PACKET:
             more = self.target.receive(self._missing(received), self.session.reply_timeout_s)
             if not more:
@@ -129,12 +133,13 @@ class BoardClient:
             return None, strays + received
         return codec.parse(received), strays
 
-    @staticmethod
-    def _missing(received: bytes) -> int:
+    def _missing(self, received: bytes) -> int:
         """How many bytes may be read at once without reading beyond this packet."""
-        if len(received) > 1 and received[-1] >= codec.ADDRESS_MARK:
+        if end := codec.packet_end(received + self.target.upcoming):
+            return end - len(received)
+        if not received or (len(received) > 1 and received[-1] >= codec.ADDRESS_MARK):
             return 1
-        return 1 if len(received) >= 2 else codec.LEAST_PACKET - len(received) - 1
+        return codec.LEAST_PACKET - 2  # its second address, and the checksum
 
     # --- waiting ----------------------------------------------------------------------------------
 
@@ -156,7 +161,7 @@ class BoardClient:
     def poll_slot_s(self) -> float:
         """How long a board waits with a poll's reply for each id below its own (MN4-DROP-03)."""
         reading = self.session.reading("poll_slot_ms")
-        return self.usual_slot_s() if reading == "auto" else int(reading) / 1000
+        return self.usual_slot_s() if reading == "auto" else float(reading) / 1000
 
     def usual_slot_s(self, value_bytes: int = codec.STATUS_BYTES) -> float:
         """The same by default, where the last packet of a reply is so long (MN4-DROP-04)."""
@@ -245,7 +250,15 @@ class BoardClient:
             if self._is_over(text, found):
                 break
             limit_s = self._next_limit_s(text, found, limit_s)
-        return BoardExchange(raw, tuple(found), strays, asked_ns, tuple(came_ns))
+        done_codes = self._done_codes(found)
+        return BoardExchange(raw, tuple(found), strays, asked_ns, tuple(came_ns), done_codes)
+
+    def _done_codes(self, found: list[BoardPacket]) -> frozenset[str]:
+        """MOVE_ABORT, of a board that says so for DONE while its last motion is aborted."""
+        if all(one.code != ReturnCode.MOVE_ABORT for one in found):
+            return frozenset()
+        is_so = self.session.run.readings.guess("move_abort_use", "") == "while_aborted"
+        return frozenset({ReturnCode.MOVE_ABORT.name}) if is_so else frozenset()
 
     def _is_over(self, text: str, found: list[BoardPacket]) -> bool:
         """True if a reply has all its packets (rule 1)."""

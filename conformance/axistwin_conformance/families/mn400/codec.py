@@ -32,6 +32,7 @@ OTHER_COUNTERS: Final = (0, 9, 99, 999, 9999, 99_999)  # of L, for `with_checksu
 FIRST_PRINTABLE: Final = 0x20  # what is below is a return code, or a trailer
 END_OF_PROGRAM: Final = "\x04"  # as the command of a packet (MN4-AMB-12, MN4-AMB-13)
 DEFAULT_TRAILER: Final = b"\x06"
+DOT_NUL: Final = b".\x00"  # what stands for a comma and a zero in one reading of MN4-AMB-02
 REVISION: Final = re.compile(r"MN400 V [0-9]+\.[0-9]+ / [0-9]+\.[0-9]+")  # MN4-CMD-FW-01
 NUMBER: Final = re.compile(r"0|-?[1-9][0-9]*")  # MN4-RSP-10
 
@@ -157,19 +158,27 @@ class BoardPacket:
 
     @property
     def value(self) -> str:
-        """What a data packet says: all that is printable behind the command, up to its trailer."""
+        """What a data packet says: all that is printable behind the command, up to its trailer,
+        with a comma and a zero where a period and a null stand for them (MN4-AMB-02)."""
         kept = self.payload[1 : len(self.payload) - len(self.trailer)]
-        return kept.decode("latin-1")
+        return kept.replace(DOT_NUL, b",0").decode("latin-1")
+
+    @property
+    def is_dotted(self) -> bool:
+        """True if its value has a period and a null for a comma and a zero (MN4-AMB-02)."""
+        return DOT_NUL in self.payload[1:]
 
     @property
     def trailer(self) -> bytes:
-        """What stands behind the value (MN4-AMB-01): bytes below 20h before the second address."""
+        """What stands behind the value (MN4-AMB-01): bytes below 20h before the second address; the
+        null behind a period is of the value (MN4-AMB-02)."""
         count = 0
         for byte in reversed(self.payload[1:]):
             if byte >= FIRST_PRINTABLE:
                 break
             count += 1
-        return self.payload[len(self.payload) - count :]
+        begin = len(self.payload) - count
+        return self.payload[begin + (self.payload[begin - 1 : begin + 1] == DOT_NUL) :]
 
     @property
     def fields(self) -> tuple[int, ...] | None:

@@ -6,7 +6,7 @@ they ask for; the judging ones say whose business an answer is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from typing import Final
@@ -39,6 +39,11 @@ class BoardDriver:
     def reading(self, switch: str) -> str:
         """The reading it is held to."""
         return self.session.reading(switch)
+
+    def known(self, texts: Iterable[str]) -> tuple[str, ...]:
+        """Those of the texts whose command this board has (MN4-AMB-38)."""
+        has_all = self.reading("has_feedhold_cmds") == "true"
+        return tuple(text for text in texts if has_all or text[:1] not in (";", ":"))
 
     def follows(
         self, switch: str, seen: str | Sequence[str], requirement: Requirements = None

@@ -23,7 +23,11 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import QUIET_S, BoardExchange
 from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
-from axistwin_conformance.families.mn400.motion.return_to_start import HOME_SETS, return_to_start
+from axistwin_conformance.families.mn400.motion.return_to_start import (
+    HOME_SETS,
+    locate,
+    return_to_start,
+)
 from axistwin_conformance.families.mn400.persistence.programs import (
     leave_entry,
     listing,
@@ -170,6 +174,8 @@ def restore(session: Session, memory: BoardSnapshot, board: int | None = None) -
     go home first."""
     driver = BoardDriver(session, board)
     not_home = return_to_start(session, driver) if memory.touched & MOVED_BY else ""
+    if "L" in memory.touched:
+        locate(session, driver)
     if memory.touched & MOVED_BY:
         memory.touched |= {"L", *HOME_SETS}
     wanted = [POWER_ON[letter] for letter in sorted(memory.touched & {*POWER_ON})]

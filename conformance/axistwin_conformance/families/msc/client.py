@@ -134,7 +134,7 @@ class MscClient:
     def rest_of_packet(self, strays: bytes = b"") -> tuple[Packet | None, bytes]:
         """The packet whose first byte has been heard, behind these bytes."""
         received = STX
-        while count := codec.missing_bytes(received):
+        while count := self._missing(received):
             # Its bytes follow one another: a repeat, after T2, is not to be taken for the rest.
             own_s = count * self.target.byte_ns / 1e9
             more = self.receive(count, self.session.reply_timeout_s + own_s)
@@ -142,6 +142,17 @@ class MscClient:
             if len(more) < count:
                 return None, strays + received
         return codec.parse(received), strays
+
+    def _missing(self, received: bytes) -> int:
+        """How many bytes may be read at once without reading beyond this packet; 0: it is over."""
+        count = codec.missing_bytes(received)
+        known = received + self.target.upcoming if count else received
+        while len(received) + count <= len(known):
+            more = codec.missing_bytes(known[: len(received) + count])
+            if not more:
+                break
+            count += more
+        return count
 
     def limit_s(self, count: int) -> float:
         """How long to wait for so many bytes that a unit sends without being told more.

@@ -22,6 +22,9 @@ MS: Final = 1_000_000
 STATUS_END: Final = 9  # of RQSTAT's body: what follows the status word may be anything
 ROUNDING_NS: Final = MS  # a measured time-out is told in whole ms,
 COARSE_NS: Final = 15 * MS  # or in steps of 20 where the line blurs it
+WHILE_IT_TALKS: Final = 4  # characters of a reply that have come when it is interrupted
+JUNK: Final = b"\x00"
+TRIALS: Final = 3  # of what noise may have spoilt
 RS232_UNIT: Final = 1  # MSC-PKT-04
 LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
 # Readings in which the idle units of a shared line answer what one of them says, or junk for it.
@@ -104,6 +107,33 @@ class MscLink:
     def is_busy_hearing(self) -> bool:
         """True if the unit can hear while it talks: two wires of RS-485 carry one way at a time."""
         return not self.is_rs485
+
+    def must_hear_while_it_talks(self) -> None:
+        """Skip if what is said at once spoils a sound exchange."""
+        if not self.hears_while_it_talks():
+            self.session.skip(
+                "what unit and host say at once is spoilt, as on two wires of RS-485, where number"
+                " 1 may be as well"
+            )
+
+    def hears_while_it_talks(self) -> bool:
+        """Try it: a unit 1 without others may be on two wires of RS-485, and nothing else tells."""
+        return not self.is_rs485 and any(
+            self._is_whole_beneath_another_byte() for _ in range(TRIALS)
+        )
+
+    def _is_whole_beneath_another_byte(self) -> bool:
+        """Whether a reply comes whole while the host sends a byte that means nothing."""
+        client = self._client
+        client.wait_until_quiet()
+        self.target.drain()
+        self.target.send(client.request(RQSTAT))
+        begun = client.receive(1 + WHILE_IT_TALKS)
+        self.target.send(JUNK)
+        rest = client.receive(client.reply_bytes("RQSTAT") - WHILE_IT_TALKS)
+        reply = codec.parse((begun + rest).removeprefix(ACK))
+        client.wait_until_quiet()
+        return reply is not None and reply.is_sound
 
     @property
     def limit(self) -> int:

@@ -24,6 +24,7 @@ from axistwin.catalog import DeviceSpec
 from axistwin.cli.rack.positions import KeyPath, Positions
 from axistwin.devices.family import Carrier
 from axistwin.errors import UsageError, nearest
+from axistwin.wire.wire_fault import make_fault
 
 FILE_BYTES_MAX: Final = 200_000
 """Several times what some hundred lines take."""
@@ -68,6 +69,19 @@ class _Table(BaseModel):
     )
 
 
+class FaultSection(_Table):
+    """A fault of the wire; ``wire.wire_fault`` says what may be in it."""
+
+    kind: Text
+    direction: Text | None = None
+    message: str = ""
+    hex: str = ""
+    count: int | None = None
+    chance: float | None = None
+    per_s: float | None = None
+    duration_ms: float | None = None
+
+
 class Section(_Table):
     """What lines and buses have in common; all but the name is as in ``axistwin run --help``."""
 
@@ -82,6 +96,7 @@ class Section(_Table):
     capture: Text | None = None
     initial: dict[str, dict[str, Scalar]] = {}
     """Controls by device, such as ``inputs.reference``, and how they are at the start."""
+    faults: list[FaultSection] = []
 
     @property
     def specs(self) -> list[DeviceSpec]:
@@ -226,6 +241,8 @@ def _keys_around(place: KeyPath) -> list[str]:
         "control": ControlSection,
     }
     table = tables[str(place[0])] if len(place) > 1 else RackFile
+    if "faults" in place[2:-1]:
+        table = FaultSection
     return [field.alias or name for name, field in table.model_fields.items()]
 
 
@@ -240,6 +257,7 @@ def _problems_of_content(content: RackFile) -> Problems:
         names.add(section.name)
         yield from _problems_of_endpoints(place, section, taken)
         yield from _problems_of_devices(place, section)
+        yield from _problems_of_faults(place, section)
 
 
 def _problems_of_endpoints(place: KeyPath, section: Section, taken: dict[str, str]) -> Problems:
@@ -258,6 +276,17 @@ def _problems_of_endpoints(place: KeyPath, section: Section, taken: dict[str, st
                 written = key.replace("_", "-")
                 where = (*place, written, number)
                 yield where, f"{written} {value}: {owner} has it already; choose another"
+
+
+def _problems_of_faults(place: KeyPath, section: Section) -> Problems:
+    for number, fault in enumerate(section.faults):
+        try:
+            make_fault(_CARRIERS[type(section)], **fault.model_dump())
+        except UsageError as error:
+            told = str(error)
+            for name, field in FaultSection.model_fields.items():
+                told = re.sub(rf"\b{name}\b", field.alias or name, told)
+            yield (*place, "faults", number, re.split(r"[\s:]", told)[0]), told
 
 
 def _problems_of_devices(place: KeyPath, section: Section) -> Problems:

@@ -223,7 +223,7 @@ def make_run(section: Section, state: str | None) -> Run[Any]:
 
 
 def _set_initial(section: Section, simulation: Simulation[Any]) -> None:
-    """Set inputs, loads and whatever else the file has for the start.  Raises UsageError."""
+    """Set inputs, loads, faults and whatever the file has for the start.  Raises UsageError."""
     for place, error in _set_each(section, simulation):
         raise UsageError(f"{'.'.join(map(str, place))}: {error}")
 
@@ -237,6 +237,11 @@ def _collect_initial(
 
 def _set_each(section: Section, simulation: Simulation[Any]) -> Problems:
     """Set it, and tell what cannot be."""
+    for number, fault in enumerate(section.faults):
+        try:
+            simulation.faults.add(**fault.model_dump())
+        except UsageError as error:
+            yield ("faults", number), str(error)
     twins = dict(zip(section.devices, simulation.twins, strict=True))
     for device, controls in section.initial.items():
         for name, value in controls.items():

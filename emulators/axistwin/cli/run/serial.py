@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 from axistwin import catalog
 from axistwin.catalog import DeviceSpec
-from axistwin.cli.run.capture import recording_line
 from axistwin.cli.run.reporter import Reporter, warn
 from axistwin.cli.run.serving import Run, Shared
 from axistwin.devices.family import UsbIdentity
-from axistwin.devices.traces import ProgramFailed, StrayReturn
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.runtime.line import Line
@@ -66,7 +64,8 @@ class SerialRun(Run[Line]):
 
     def serve(self, simulation: Line, reporter: Reporter, loop: Loop) -> Server:
         """The line behind all endpoints that were asked for."""
-        _ProgramWatch(simulation, reporter)
+        if any("program_error" in twin.controls for twin in simulation.twins):
+            _ProgramWatch(simulation, reporter)
         return Server(simulation, self._make_ports(simulation), report=reporter.event, loop=loop)
 
     def _make_ports(self, line: Line) -> list[Port]:
@@ -90,6 +89,8 @@ class SerialRun(Run[Line]):
         self, simulation: Line, path: str, loop: LoopShare, on_failure: Callable[[str], None]
     ) -> AbstractContextManager[None]:
         """Bursts of bytes, in hex and in words."""
+        from axistwin.cli.run.capture import recording_line
+
         explain = catalog.find_model(self.specs[0].model).explain
         return recording_line(simulation, path, explain, loop, on_failure)
 
@@ -143,6 +144,8 @@ class _ProgramWatch:
         line.subscribe(self._hear)
 
     def _hear(self, twin: Twin, trace: Trace) -> None:
+        from axistwin.devices.program_traces import ProgramFailed, StrayReturn
+
         if isinstance(trace, StrayReturn):
             self._reporter.warn(f"{twin.name}: its program has stopped: run came to its end")
             self._reporter.event({"event": "stray_return", "device": twin.name})

@@ -16,7 +16,6 @@ from axistwin.cli.extras import needed
 from axistwin.cli.output import EXIT_USAGE
 from axistwin.cli.run import systemd
 from axistwin.cli.run.reporter import Reporter, warn
-from axistwin.control.token import find_token
 from axistwin.errors import UsageError
 from axistwin.runtime.serving.rack import Rack
 from axistwin.runtime.simulation import Simulation
@@ -78,6 +77,7 @@ def make_control_server(rack: Rack, address: str, token_file: str | None) -> Con
     """The control server of ``rack`` at ``address``, not open yet.  Raises UsageError."""
     try:
         from axistwin.control.server import ControlServer
+        from axistwin.control.token import find_token
     except ImportError as error:
         raise UsageError(
             f"--control: {error.name} is missing; install what it needs: "

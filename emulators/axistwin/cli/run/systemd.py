@@ -1,7 +1,6 @@
 """Telling systemd how the service is doing: one datagram to the socket named in the environment."""
 
 import os
-import socket
 
 
 def notify(state: str) -> bool:
@@ -12,6 +11,8 @@ def notify(state: str) -> bool:
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return False
+    import socket  # few runs need it, all would wait for it
+
     if address.startswith("@"):  # Linux's abstract socket space
         address = "\0" + address[1:]
     try:

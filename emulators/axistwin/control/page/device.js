@@ -4,6 +4,7 @@ import { getControls, getDevice, getState, switchPower, watch } from "./api.js";
 import { MotionCharts } from "./chart.js";
 import { makeControls, spread } from "./controls.js";
 import { attempt, make, seconds, shown, words, write } from "./dom.js";
+import { makeFaults } from "./faults.js";
 import { makeLog } from "./log.js";
 import { makeStatus } from "./status.js";
 
@@ -20,6 +21,7 @@ export async function deviceView(wanted, link) {
   const isStatus = (each) => each.queue || each.bits.length;
   const readings = makeReadings(device, rows.filter((each) => each.readable && !each.writable && !each.numbers && !isStatus(each)));
   const works = makeControls(device.name, rows.filter((each) => each.name !== "power" && (each.writable || each.numbers)));
+  const faults = await makeFaults(device.line);
   const log = makeLog();
   const show = (timeNs, changed) => {
     Object.assign(values, changed);
@@ -36,13 +38,13 @@ export async function deviceView(wanted, link) {
       show(event.time_ns, event.control in values ? { [event.control]: event.value } : {}); // the charts wait for all values
       log.add(seconds(event.time_ns), `${words(event.control)}: ${event.value === null ? "done" : `set to ${shown(event.value)}`}`);
     } else if (event.event === "told") log.add(seconds(event.time_ns), event.text);
-    else if (event.line === device.line) log.add("", words(event.kind));
+    else if (event.line === device.line) log.add("", faults.hear(event) ?? words(event.kind));
   };
   show(state.time_ns, state.values);
   charts?.push(state.time_ns, values);
   const leave = watch([device.name], hear, link);
   const element = make("div", {}, head.element,
-    make("div", { class: "grid" }, ...(charts ? [charts.element] : []), ...(status ? [status.element] : []), ...works.sections, readings.element, log.element));
+    make("div", { class: "grid" }, ...(charts ? [charts.element] : []), ...(status ? [status.element] : []), ...works.sections, readings.element, faults.element, log.element));
   return { title: device.name, element, leave: () => (leave(), charts?.close()) };
 }
 

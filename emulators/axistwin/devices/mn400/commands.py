@@ -149,6 +149,8 @@ class Interpreter:
     def _moving_state(self, letter: str) -> BoardState:
         """The column, if nothing is entered and nothing pending."""
         mover = self._mover
+        if mover.order is None and not (self.is_holding or self._jogger.is_on):
+            return BoardState.ABT if mover.is_aborted else BoardState.RDY
         command = self._commands.get(letter)
         is_held = command is not None and command.is_motion and self.is_holding
         if mover.is_paused and not is_held:
@@ -206,7 +208,8 @@ class Interpreter:
     def _started(self, line: BoardLine, code: ReturnCode) -> Answer:
         """START and ``code``, which may have to wait for the end of a motion (rule 3)."""
         start = self._status(line.command, ReturnCode.START)
-        if code is ReturnCode.DONE and any(waits is line for _, waits in self._unanswered):
+        waiting = self._unanswered
+        if waiting and code is ReturnCode.DONE and any(waits is line for _, waits in waiting):
             return Answer([start], code)
         if code is ReturnCode.DONE and self._quirks.move_abort_use == "while_aborted":
             code = ReturnCode.MOVE_ABORT if self._mover.is_aborted else code

@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from axistwin.devices.mn400.acceptance import BoardState
 from axistwin.devices.mn400.commands import Interpreter
 from axistwin.devices.mn400.inputs import JOGS, LIMITS, Inputs
 from axistwin.devices.mn400.jog import Jogger
@@ -146,13 +147,14 @@ class Mn400Board:
         )
         self._serial = ReplySender(self._send_packet, is_ahead=True)
         self._usb = ReplySender(self._send_report, is_ahead=False)
+        self._senders = (self._serial, self._usb)
         has_outcomes = quirks.usb_outcome_codes
         self._silent_on_usb = _SILENT_ON_USB if has_outcomes else (*_SILENT_ON_USB, *_OUTCOMES)
         self.reports: deque[bytes] = deque(maxlen=USB_QUEUE)
         self._config: deque[bytes] = deque()
         self._effects: list[Effect] = []
         self._powered = False
-        self._shown_state = ""
+        self._shown_state: BoardState | None = None
         if powered:
             self.power_on(_LONG_AGO_NS)
             while (due := self._due()) <= 0:
@@ -230,7 +232,8 @@ class Mn400Board:
         if request.is_for_all and not is_poll and policy == "poll_only":
             return
         start_ns = now + self._delay_ns
-        if is_poll or (request.is_for_all and policy == "staggered"):
+        is_slotted = is_poll or (request.is_for_all and policy == "staggered")
+        if is_slotted and number > 1:
             start_ns += (number - 1) * self._slot_ns(letter, payload)
         self._reply(start_ns, answer.parts, Origin.SERIAL)
 
@@ -276,7 +279,7 @@ class Mn400Board:
             address, command, _, value = message
             data = packets.data_packet(address, command, value or "", self.quirks)
         self._effects.append(Transmit(start_ns, data))
-        return start_ns + (self.line_format.span_ns(len(data)) if self._is_paced else 0)
+        return start_ns + (_FORMATS[self._rate].span_ns(len(data)) if self._is_paced else 0)
 
     def _send_report(self, start_ns: Nanos, message: Message) -> Nanos | None:
         """Rule 4, MN4-AMB-50."""
@@ -298,14 +301,11 @@ class Mn400Board:
         """When anything is next to be done."""
         if not self._powered:
             return NEVER
-        return min(
-            self._receiver.next_event(),
-            self._serial.next_event(),
-            self._usb.next_event(),
-            self.mover.next_event(),
-            self.jogger.next_event(),
-            self._config_due() if self._config else NEVER,
-        )
+        due = min(self._receiver.due_ns, self.mover.next_event(), self.jogger.next_event())
+        for sender in self._senders:
+            if sender.parts:
+                due = min(due, sender.next_event())
+        return min(due, self._config_due()) if self._config else due
 
     def _config_due(self) -> Nanos:
         """When the next line of the configuration program runs (rule 2)."""
@@ -348,13 +348,15 @@ class Mn400Board:
         if self.interpreter.cells:
             self._effects.append(Store(tuple(self.interpreter.cells)))
             self.interpreter.cells.clear()
-        self._effects.extend(Refused(now, reason) for reason in self.interpreter.refused)
-        self.interpreter.refused.clear()
-        self._serial.run(now)
-        self._usb.run(now)
+        if self.interpreter.refused:
+            self._effects.extend(Refused(now, reason) for reason in self.interpreter.refused)
+            self.interpreter.refused.clear()
+        for sender in self._senders:
+            if sender.parts:
+                sender.run(now)
         state = self.interpreter.state()
-        if state.name != self._shown_state:
-            self._shown_state = state.name
+        if state is not self._shown_state:
+            self._shown_state = state
             self._effects.append(StateChanged(now, state.name, state.value))
 
     def _taken(self) -> list[Effect]:
@@ -376,7 +378,7 @@ class Mn400Board:
         if self._powered:
             self._powered = False
             self._forget(now)
-            self._shown_state = "OFF"
+            self._shown_state = None
             effects.append(StateChanged(now, "OFF", "off"))
         return effects
 

@@ -8,7 +8,7 @@ Rules
    each exactly as if made when due: between two looks nothing can tell the difference.  So an hour
    of scans costs little more than the user's own code.
 3. A program that only waits, for flags or for a time, is not even run: until a flag changes, or
-   that time comes, each of its scans would do nothing.
+   that time comes, each of its scans would do nothing but count (``ScanCount``).
 4. What the host writes is seen in the next scan; with ``write_visibility=immediate`` there is one
    more at once (MSC-AMB-33).
 5. A stray return stops the program and sets status bit 4; an exception bit 12, and nothing of its
@@ -22,11 +22,22 @@ from axistwin.devices.msc.data_area import DataArea
 from axistwin.devices.msc.flags import FlagKind, Flags
 from axistwin.devices.msc.quirks import MscQuirks
 from axistwin.devices.msc.status import Status, StatusBit
-from axistwin.devices.traces import ProgramFailed, ProgramStarted, ProgramStopped, StrayReturn
+from axistwin.devices.program_traces import (
+    ProgramFailed,
+    ProgramStarted,
+    ProgramStopped,
+    StrayReturn,
+)
 from axistwin.errors import UsageError
 from axistwin.kernel.effects import Trace
 from axistwin.kernel.time import NS_PER_MS, Nanos
-from axistwin.macroprogram.declarations import Array, FlagDeclaration, FlagInUse, Variable
+from axistwin.macroprogram.declarations import (
+    Array,
+    FlagDeclaration,
+    FlagInUse,
+    ScanCount,
+    Variable,
+)
 from axistwin.macroprogram.program import (
     Macroprogram,
     NeverReturns,
@@ -38,7 +49,7 @@ from axistwin.macroprogram.program import (
     is_generator,
     located,
 )
-from axistwin.macroprogram.scan import Condition, ProgramError, Scan, Until
+from axistwin.macroprogram.scan import Condition, ProgramError, Scan, Until, wrapped
 
 BATCH_SCANS: Final = 10
 """At most so many scans are made up for at once when time passes and nobody looks."""
@@ -75,6 +86,7 @@ class ProgramRunner:
         self.error: str | None = None
         """The script error that ended the program last: where, and what."""
         self._scan_ns = scan_ns
+        self._counts: list[int] = []  # the addresses at which scans are counted
         self._is_auto_started = quirks.auto_start
         self._next_ns: Nanos | None = None  # the next scan; None while it does not run
         self._scan = Scan(data.read, data.stride, 0, 0)
@@ -122,7 +134,8 @@ class ProgramRunner:
                 change_ns = self._next_change()
                 if change_ns is None or change_ns > now:
                     change_ns = now + 1
-                self._next_ns = self._first_scan(change_ns)
+                resting_ns, self._next_ns = self._next_ns, self._first_scan(change_ns)
+                self._count_scans((self._next_ns - resting_ns) // self._scan_ns)
                 if self._next_ns > now:
                     break
             due_ns = self._next_ns
@@ -224,6 +237,7 @@ class ProgramRunner:
 
     def _apply(self, scan: Scan, now: Nanos) -> None:
         """Do what the program wants done at the end of a scan."""
+        self._count_scans(1)
         if scan.new_data:
             for address, value in scan.new_data.items():
                 self._data.write(address, value)
@@ -241,6 +255,12 @@ class ProgramRunner:
                     self._flags.start_timer(now, number, due_ns - now)
                     self._due[number] = due_ns
             scan.new_timers.clear()
+
+    def _count_scans(self, scans: int) -> None:
+        """So many more scans are done."""
+        if scans:
+            for address in self._counts:
+                self._data.write(address, wrapped(self._data.read(address) + scans))
 
     def _take_expired(self, now: Nanos) -> int:
         """The timers that have run out since last time, as bits."""
@@ -280,7 +300,7 @@ class ProgramRunner:
         """When something that a resting program waits for may change by itself."""
         last_ns = self._scan.now_ns
         due_ns = self._flags.next_expiry(last_ns)
-        if self._awaited is None:
+        if self._awaited is None or not self._awaited.is_timed:
             return due_ns
         may_hold_ns = self._awaited.may_hold_ns(last_ns)
         if due_ns is None or may_hold_ns is None:
@@ -339,6 +359,8 @@ class ProgramRunner:
             else:
                 self._check_place(what, part)
                 self.names[name] = part.address
+                if isinstance(part, ScanCount):
+                    self._counts.append(part.address)
         for part in parts.values():
             if isinstance(part, Variable | Array):
                 self._store_initial(part)

@@ -4,8 +4,9 @@ Rules
 -----
 1. One simulation, any number of ports, in a loop that others may share (``rack``).  Everything
    happens in the loop's thread.
-2. One alarm, set for the next moment at which there is something to do.  Nothing else ticks, so
-   what is at rest costs no processor time.  What has come already is something to do: no reply
+2. One alarm, set for the next moment at which there is something to do, or an earlier one: what
+   moves away leaves it as it is, since most of that moves with every exchange.  Nothing else ticks,
+   so what is at rest costs no processor time.  What has come already is something to do: no reply
    waits here, wherever the process is paused.
 3. Positions of moving axes are saved every ``SAVE_PERIOD_NS``, as long as one moves.
 4. What fails in a callback ends this server: its ports are closed, ``failure`` says why, and
@@ -24,12 +25,16 @@ from axistwin.kernel.time import NS_PER_MS, NS_PER_S, Nanos
 from axistwin.runtime.serving.alarm import Alarm
 from axistwin.runtime.serving.loop import Loop, LoopShare
 from axistwin.runtime.simulation import Simulation, earliest
+from axistwin.wire.faults import FaultAct
 
 LOOK_NS: Nanos = 200 * NS_PER_MS
 """How often a client that is held back is looked after, in the twin's time."""
 
 SAVE_PERIOD_NS: Nanos = 50 * NS_PER_MS
 """How often the position of a moving axis is saved, in the twin's time."""
+
+REPORT_S = 0.05
+"""What faults of the wire do in this time is reported together."""
 
 # The alarm may have gone off, and then stays so until it is set or cleared.
 _UNKNOWN: Nanos = -1
@@ -68,7 +73,9 @@ SimulationT = TypeVar("SimulationT", bound=Simulation[Any])
 
 
 class BaseServer(ABC, Generic[SimulationT, EndpointT]):
-    """Serves ``simulation`` on ``ports`` in ``loop``; ``report`` is told of clients.
+    """Serves ``simulation`` on ``ports`` in ``loop``; ``report`` is told of clients and faults.
+
+    ``line_name``: what its rack calls it.
 
     ``open``, then ``begin`` where the loop runs, or before it does.  While it serves, the
     simulation may be used from any thread as well.
@@ -85,6 +92,7 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         self.simulation = simulation
         self.ports = tuple(ports)
         self.report = report
+        self.line_name = ""
         self.loop = LoopShare(loop, self.fail)
         self.failure: Exception | None = None
         self.on_failure: Callable[[Exception], None] = lambda error: None
@@ -95,6 +103,9 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         self._change_pending = False
         self._thread_id = 0
         self._closed = False
+        self._acts: dict[int, tuple[int, FaultAct]] = {}
+        """Of faults of the wire that have acted: how often since it was reported, and the last."""
+        self._forget_faults: Callable[[], None] = lambda: None
 
     # -- life ---------------------------------------------------------------------------------
 
@@ -111,6 +122,7 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         """Serve clients from now on, in this thread's loop; what goes wrong is ``fail``'s."""
         self._thread_id = threading.get_ident()
         self.simulation.on_change(self._changed)
+        self._forget_faults = self.simulation.subscribe_faults(self._fault_acted)
         self.loop.add_reader(self._alarm.fileno(), self._go_off)
         try:
             self._attach_ports()
@@ -140,10 +152,32 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
                 rest.callback(port.close)
             self.loop.close()
             self.simulation.on_change(None)
+            self._forget_faults()
 
     @abstractmethod
     def _attach_ports(self) -> None:
         """Let every port serve its clients here."""
+
+    # -- faults of the wire -------------------------------------------------------------------
+
+    def _fault_acted(self, act: FaultAct) -> None:
+        """Report it, perhaps from another thread: soon, and several of one fault together."""
+        if not self._acts:
+            self.loop.call_soon(self.loop.call_later, REPORT_S, self._report_acts)
+        count = self._acts.get(act.number, (0, act))[0]
+        self._acts[act.number] = count + 1, act
+
+    def _report_acts(self) -> None:
+        with self.simulation.present():
+            acts, self._acts = self._acts, {}
+        for number, (count, act) in acts.items():
+            details: dict[str, object] = {
+                "line": self.line_name,
+                "acted": count,
+                "time_ns": act.time_ns,
+                "text": act.text,
+            }
+            self.report({"event": "wire_fault", "fault": number, "fault_kind": act.kind, **details})
 
     # -- the alarm ----------------------------------------------------------------------------
 
@@ -184,7 +218,10 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
         # have pushed time past the event that was due, and what came then waits for nothing.
         if self._has_news:
             due = self.simulation.clock.now_ns()
-        if due == self._alarm_ns:
+        present = self._alarm_ns
+        if due == present or (
+            present is not None and present >= 0 and (due is None or present < due)
+        ):
             return
         self._alarm_ns = due
         if due is None:
@@ -204,8 +241,10 @@ class BaseServer(ABC, Generic[SimulationT, EndpointT]):
 
         What the host is told is saved by the simulation itself; this is for the time in between.
         """
+        if self._save_ns is None:
+            return
         now = self.simulation.clock.now_ns()
-        if self._save_ns is None or now < self._save_ns:
+        if now < self._save_ns:
             return
         self._save_ns = None
         if self.simulation.is_moving:

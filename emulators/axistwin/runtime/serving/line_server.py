@@ -92,6 +92,7 @@ class Server(BaseServer[Line, Port]):
         """Who is not read, and what the line has not taken yet of what they have sent."""
         self._answered_ns: Nanos = 0
         self._talker: Client | None = None
+        self._wanted_format: LineFormat | None = None
         self._told_rates: set[tuple[Client, int]] = set()
 
     def _attach_ports(self) -> None:
@@ -135,11 +136,11 @@ class Server(BaseServer[Line, Port]):
     def _take_turn(self, client: Client, data: bytes) -> tuple[bytes, bytes]:
         """Send as much of ``data`` as one turn takes: the answer so far, and what is left."""
         self._talker = client
-        self._use_format(client.line_format())
+        line_format = self._use_format(client.line_format())
         line, rest = self.line, b""
         if line.rate_mismatch is not None:
             self._tell_mismatch(client)
-        if line.host_format.span_ns(len(data)) > TURN_NS:
+        if line_format.span_ns(len(data)) > TURN_NS:
             share = max(1, line.host_format.characters_within(TURN_NS))
             data, rest = data[:share], data[share:]
         return line.exchange(data), rest
@@ -190,15 +191,14 @@ class Server(BaseServer[Line, Port]):
             wait_ns = max(wait_ns, self._answered_ns - self.line.clock.now_ns())
         return max(0, wait_ns)
 
-    def _use_format(self, line_format: LineFormat | None) -> None:
-        """The host end uses ``line_format``, or the first device's."""
-        line = self.line
-        wanted = line_format or line.device_format
-        if wanted.baud < BAUD_MIN:
-            wanted = replace(wanted, baud=BAUD_MIN)
-        present = line.host_format
-        if wanted is not present and wanted != present:
-            line.host_format = wanted
+    def _use_format(self, line_format: LineFormat | None) -> LineFormat:
+        """The host end uses ``line_format``, or the first device's; returns which."""
+        wanted = line_format or self.line.device_format
+        if wanted is not self._wanted_format:  # nobody else sets it while this serves
+            self._wanted_format = wanted
+            is_too_slow = wanted.baud < BAUD_MIN
+            self.line.host_format = replace(wanted, baud=BAUD_MIN) if is_too_slow else wanted
+        return wanted
 
     def _hand_out(self, data: bytes) -> None:
         """Every client hears ``data`` from the line."""

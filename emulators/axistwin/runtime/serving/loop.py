@@ -26,15 +26,25 @@ from itertools import count
 from types import MappingProxyType
 from typing import Any, Protocol, TypeAlias
 
+from axistwin.runtime.serving.opens import OpenWatches
+
 _EVENTS_MAX = 64
 _FOREVER_S = -1.0
 
 
 Callback: TypeAlias = Callable[[], object]
+OnFailure: TypeAlias = Callable[[Exception], object]
+
+
+def _pass_on(error: Exception) -> None:
+    raise error
 
 
 class _HasDescriptor(Protocol):
     def fileno(self) -> int: ...
+
+
+_Watch: TypeAlias = tuple[Callback, OnFailure]
 
 
 class Loop:
@@ -42,11 +52,12 @@ class Loop:
 
     def __init__(self) -> None:
         self._epoll = select.epoll()
-        self._readers: dict[int, Callable[[], object]] = {}
-        self._writers: dict[int, Callable[[], object]] = {}
+        self._readers: dict[int, _Watch] = {}
+        self._writers: dict[int, _Watch] = {}
         self._soon: deque[Callable[[], object]] = deque()
         self._later: list[tuple[float, int, Callable[[], object]]] = []
         self._numbers = count()
+        self._opens: OpenWatches | None = None
         self._is_stopped = False
         self.has_server = False
         self._signals: dict[signal.Signals, Any] = {}
@@ -57,13 +68,20 @@ class Loop:
 
     # -- descriptors --
 
-    def add_reader(self, fd: int | _HasDescriptor, callback: Callable[[], object]) -> None:
-        """Call ``callback`` whenever ``fd`` can be read, in place of what was called before."""
-        self._watch(self._readers, fd, callback)
+    def add_reader(
+        self, fd: int | _HasDescriptor, callback: Callback, on_failure: OnFailure = _pass_on
+    ) -> None:
+        """Call ``callback`` whenever ``fd`` can be read, in place of what was called before.
 
-    def add_writer(self, fd: int | _HasDescriptor, callback: Callable[[], object]) -> None:
-        """Call ``callback`` whenever ``fd`` can be written, in place of what was called before."""
-        self._watch(self._writers, fd, callback)
+        on_failure: called with what ``callback`` raises; otherwise that ends ``run``.
+        """
+        self._watch(self._readers, fd, (callback, on_failure))
+
+    def add_writer(
+        self, fd: int | _HasDescriptor, callback: Callback, on_failure: OnFailure = _pass_on
+    ) -> None:
+        """Call ``callback`` whenever ``fd`` can be written, as ``add_reader``."""
+        self._watch(self._writers, fd, (callback, on_failure))
 
     def remove_reader(self, fd: int | _HasDescriptor) -> None:
         """Do not wait for ``fd`` to be readable; it need not have a reader."""
@@ -73,21 +91,16 @@ class Loop:
         """Do not wait for ``fd`` to be writable; it need not have a writer."""
         self._forget(self._writers, fd)
 
-    def _watch(
-        self,
-        callbacks: dict[int, Callable[[], object]],
-        fd: int | _HasDescriptor,
-        callback: Callable[[], object],
-    ) -> None:
+    def _watch(self, watches: dict[int, _Watch], fd: int | _HasDescriptor, watch: _Watch) -> None:
         number = fd if isinstance(fd, int) else fd.fileno()
         is_known = number in self._readers or number in self._writers
-        callbacks[number] = callback
+        watches[number] = watch
         set_events = self._epoll.modify if is_known else self._epoll.register
         set_events(number, self._events(number))
 
-    def _forget(self, callbacks: dict[int, Callable[[], object]], fd: int | _HasDescriptor) -> None:
+    def _forget(self, watches: dict[int, _Watch], fd: int | _HasDescriptor) -> None:
         number = fd if isinstance(fd, int) else fd.fileno()
-        if callbacks.pop(number, None) is None:
+        if watches.pop(number, None) is None:
             return
         events = self._events(number)
         if events:
@@ -98,6 +111,23 @@ class Loop:
     def _events(self, number: int) -> int:
         reads = select.EPOLLIN if number in self._readers else 0
         return reads | (select.EPOLLOUT if number in self._writers else 0)
+
+    # -- files --
+
+    def add_open_watch(self, path: str, callback: Callback) -> int:
+        """Call ``callback`` when ``path`` has been opened; returns what to remove.
+
+        Several opens may be told as one.  Raises OSError.
+        """
+        if self._opens is None:
+            self._opens = OpenWatches()
+            self.add_reader(self._opens, self._opens.tell)
+        return self._opens.add(path, callback)
+
+    def remove_open_watch(self, number: int) -> None:
+        """Undo ``add_open_watch``."""
+        assert self._opens is not None
+        self._opens.remove(number)
 
     # -- times, and other threads --
 
@@ -153,13 +183,21 @@ class Loop:
                 return
             for fd, events in poll(timeout_s, _EVENTS_MAX):
                 # Looked up now: an earlier callback may have removed this one.
-                callback = readers.get(fd)
-                if callback is not None and events != writable:
-                    callback()
-                if events != readable:
-                    callback = writers.get(fd)
-                    if callback is not None:
+                watch = readers.get(fd)
+                if watch is not None and events != writable:
+                    callback, on_failure = watch
+                    try:
                         callback()
+                    except Exception as error:
+                        on_failure(error)
+                if events != readable:
+                    watch = writers.get(fd)
+                    if watch is not None:
+                        callback, on_failure = watch
+                        try:
+                            callback()
+                        except Exception as error:
+                            on_failure(error)
 
     def stop(self) -> None:
         """Make ``run`` return soon; from any thread, also before it runs or when it is closed."""
@@ -174,6 +212,8 @@ class Loop:
             signal.signal(number, previous)
         self._signals.clear()
         self._epoll.close()
+        if self._opens is not None:
+            self._opens.close()
         woken, wake = self._woken, self._wake
         self._woken = self._wake = -1  # first: another thread may want to wake us just now
         os.close(woken)
@@ -208,11 +248,11 @@ class LoopShare:
 
     def add_reader(self, fd: int | _HasDescriptor, callback: Callback) -> None:
         """As the loop's."""
-        self._loop.add_reader(fd, self._guarded(callback))
+        self._loop.add_reader(fd, callback, self._on_failure)
 
     def add_writer(self, fd: int | _HasDescriptor, callback: Callback) -> None:
         """As the loop's."""
-        self._loop.add_writer(fd, self._guarded(callback))
+        self._loop.add_writer(fd, callback, self._on_failure)
 
     def remove_reader(self, fd: int | _HasDescriptor) -> None:
         """As the loop's."""
@@ -221,6 +261,14 @@ class LoopShare:
     def remove_writer(self, fd: int | _HasDescriptor) -> None:
         """As the loop's."""
         self._loop.remove_writer(fd)
+
+    def add_open_watch(self, path: str, callback: Callback) -> int:
+        """As the loop's."""
+        return self._loop.add_open_watch(path, self._guarded(callback))
+
+    def remove_open_watch(self, number: int) -> None:
+        """As the loop's."""
+        self._loop.remove_open_watch(number)
 
     def call_soon(self, callback: Callable[..., object], *arguments: object) -> None:
         """As the loop's; from any thread."""

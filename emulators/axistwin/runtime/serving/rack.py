@@ -15,14 +15,15 @@ Rules
 import contextlib
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
-from dataclasses import dataclass
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from axistwin.errors import StateError, UnknownNameError, UsageError, nearest
 from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.serving.base_server import BaseServer
 from axistwin.runtime.serving.loop import Loop
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 10.0
@@ -32,8 +33,7 @@ ServerT = TypeVar("ServerT", bound=AnyServer)
 ResultT = TypeVar("ResultT")
 
 
-@dataclass(frozen=True, slots=True)
-class RackDevice:
+class RackDevice(NamedTuple):
     """A device of a rack: its ``name`` there, its ``line``'s, and its handle."""
 
     name: str
@@ -72,6 +72,7 @@ class Rack:
             devices[name] = RackDevice(name, line, twin, server)
         assert line not in self.lines, f"there is a line {line}"
         self.devices, self.lines = devices, {**self.lines, line: server}
+        server.line_name = line
         own_report = server.report
 
         def report(event: Mapping[str, object]) -> None:
@@ -121,6 +122,15 @@ class Rack:
             remedy = f"it is one of {', '.join(each.name for each in alike)}"
         raise UnknownNameError(f"no device {wanted!r}: {remedy}")
 
+    def find_line(self, wanted: str) -> str:
+        """The line called ``wanted``, or that of the device called so.  Raises UnknownNameError."""
+        if wanted in self.lines:
+            return wanted
+        try:
+            return self.find(wanted).line
+        except UnknownNameError:
+            raise UnknownNameError(f"no line {wanted!r}: {nearest(wanted, self.lines)}") from None
+
     @property
     def served(self) -> list[RackDevice]:
         """The devices of lines that have not failed."""
@@ -132,7 +142,15 @@ class Rack:
         From any thread.  The future has its result, or its UsageError; any other error is the
         line's too, and ends it.  A line that has failed does nothing: StateError.
         """
-        return self._soon(lambda: self._done(self.find(wanted), action))
+
+        def done() -> ResultT:
+            device = self.find(wanted)
+            result = self._done(device, action)
+            # What was done may bring something that is due sooner than all else.
+            device.server.loop.call_soon(device.server.look_again)
+            return result
+
+        return self._soon(done)
 
     def do_all(self, action: Callable[[RackDevice], ResultT]) -> "Future[list[ResultT]]":
         """As ``do``, to each device that is served; those of a line that fails are left out."""
@@ -147,6 +165,8 @@ class Rack:
         return self._soon(each)
 
     def _soon(self, call: Callable[[], ResultT]) -> "Future[ResultT]":
+        from concurrent.futures import Future  # with logging and more, which few runs need
+
         future: Future[ResultT] = Future()
 
         def answer() -> None:
@@ -207,6 +227,8 @@ class Rack:
         )
         self._thread.start()
         assert ready.wait(START_TIMEOUT_S), "the rack's thread did not start"
+        if self._failure is not None:
+            self.stop()  # which raises it
 
     def stop(self) -> None:
         """Stop the thread and close everything.  Raises what made the last line fail, if it did."""

@@ -145,14 +145,11 @@ class AxisFamily(Family):
 
 def _waited_ns(session: Session, request: bytes) -> int:
     """How long after a request, the last one sent, its reply began to come; 0 without one."""
-    transcript = session.transport.transcript
-    sent_ns: int | None = None
-    waited_ns = 0
-    for record in transcript.since(transcript.position - LATEST_RECORDS):
-        if record.direction is Direction.HOST:
-            sent_ns, waited_ns = (record.time_ns if record.data == request else None), 0
-        elif record.direction is Direction.DEVICE and sent_ns is not None:
-            waited_ns = waited_ns or record.time_ns - sent_ns
+    sent, *later = session.transport.transcript.since_request(LATEST_RECORDS) or (None,)
+    if sent is None or sent.data != request:
+        return 0
+    came_ns = (one.time_ns for one in later if one.direction is Direction.DEVICE)
+    waited_ns = next(came_ns, sent.time_ns) - sent.time_ns
     return max(0, waited_ns - session.transport.line_ns)
 
 

@@ -31,6 +31,7 @@ frames with wrong checksums.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn, Protocol
 
@@ -404,7 +405,7 @@ class AxisTravelGuard:
             period=FACTORY_PERIOD if is_factory else axis.period,
         )
 
-    def worked(self, name: str, window: tuple[int, int]) -> None:
+    def worked(self, name: str, window: tuple[int, int], _: Collection[str] = ()) -> None:
         """The rig has worked `name` (of `AXIS_CONTROLS`) in this window of the clock, ns."""
         for address, found in self.axes.items():
             axis = replace(found, is_worked=True, is_still=False)

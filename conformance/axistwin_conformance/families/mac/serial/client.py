@@ -34,6 +34,7 @@ NACK_BY_ALL: Final = "any"
 NACK_BYTES: Final = 1
 MAY_BE_SILENT: Final = frozenset({0x00, 0x01, 0x08, 0x1B})  # MACS-AMB-20, §6
 OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
+MOST_GARBAGE: Final = 2 * codec.ANSWER_BYTES  # who says more, babbles
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
 REPLIED: Final = frozenset({ReplyKind.ANSWER, ReplyKind.ACCEPTED, ReplyKind.REFUSED})
 
@@ -108,6 +109,9 @@ class SerialClient(AxisClient):
         self.target.note_exchange(data, len(received), sent_ns)
         taken = self._window(sent_ns, len(data), len(received), self.target.now_ns)
         reply = codec.parse(received)
+        if reply.kind is ReplyKind.GARBAGE and not self.target.is_lossless:
+            # The rest of it is no reply to the next frame.
+            reply = codec.parse(received + self.target.receive(MOST_GARBAGE, QUIET_S))
         self._note_spelling(reply)
         self._count_writes(reply.kind, is_general=_is_general(data))
         self._note_whole(data, reply)

@@ -16,6 +16,7 @@ import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 from axistwin_conformance.core.lenient import COMPLETENESS, Lenient, ReplyDeparture
@@ -37,6 +38,8 @@ _ACKNOWLEDGED: Final = bytes([codec.ACK, codec.XOFF])
 _XONS: Final = bytes(codec.XON_SPELLINGS)
 _FINALS: Final = _XONS + bytes(codec.XONERROR_SPELLINGS)
 _HEX: Final = frozenset(b"0123456789ABCDEF")
+_FRAMING: Final = frozenset(_ACKNOWLEDGED + _FINALS + bytes([codec.STX, codec.ETX]))
+LEAST_DIGITS: Final = 8  # in an answer
 _SEPARATORS: Final = b"\r\n\t ,;:\0"
 _NO_READINGS: Final[Mapping[str, str]] = {}
 
@@ -105,6 +108,7 @@ def lenient(
     return best
 
 
+@lru_cache(maxsize=4096)  # a reply that comes byte by byte begins like many others
 def _best(asked: _Asked, reply: bytes) -> Lenient | None:
     """The reading with the fewest departures; among equals one of the reply as a whole."""
     if sound := _as_reply(asked, _Text((), reply, reply), 0):  # nearly always
@@ -310,7 +314,7 @@ def _as_answer(asked: _Asked, text: _Text, most: int) -> Lenient | None:
     """An answer read field by field, in which so many fields at most are wrong."""
     if not SHORTEST_ANSWER <= len(text.data) <= LONGEST_ANSWER:
         return None
-    if text.data[-1] in _HEX or not re.search(rb"[0-9A-F]{8}", text.data):
+    if text.data[-1] in _HEX or sum(byte in _HEX for byte in text.data) < LEAST_DIGITS:
         return None  # what ends among digits is only a beginning, seen once more for each byte
     found = list(_taken(_Split(asked, text), most))
     # A right sum is no chance; nor has a number more digits than eight, or a query no name.
@@ -361,7 +365,10 @@ class _Field:
         """Whether a part can be this field at all."""
         if self.name == "checksum" and len(part) == 1:
             return True  # a byte instead of digits
-        return not part or set(part).issubset(_HEX) is self.is_digits
+        strange = [byte for byte in part if byte not in _HEX]
+        if self.is_digits and len(part) == self.sizes[0] > 1:  # one of them may be none
+            return not strange or (len(strange) == 1 and strange[0] not in _FRAMING)
+        return not part or (not strange) is self.is_digits
 
 
 def _is_right_sum(split: _Split, part: bytes) -> bool:
@@ -400,7 +407,7 @@ _FIELDS: Final = (
     ),
     _Field(
         "data", "MACS-REPLY-07", (8, 7, 6, 5, 4, 3, 2, 1, 9, 10, 16), True,
-        lambda _, part: len(part) == 8,
+        lambda _, part: len(part) == 8 and set(part) <= _HEX,
     ),
     _Field("checksum", "MACS-REPLY-07", (2, 3, 1, 4, 0), True, _is_right_sum),
     _Field("end byte", "MACS-REPLY-07", (1, 0), False, lambda _, part: part == b"\x03"),
@@ -444,6 +451,7 @@ def _told(split: _Split) -> Lenient:
         departures.append(ReplyDeparture("MACS-FRAME-05", "byte order", wanted, _words(data)))
         data = b"".join(data[at : at + 2] for at in (6, 4, 2, 0))
     is_lost = "checksum" in split.wrong and not _has_its_place(split)
+    is_lost |= not set(data) <= _HEX
     mended = _answer(
         asked if not _is_general(asked) else replace(asked, address=address),
         length if length in asked.lengths else asked.lengths[0],

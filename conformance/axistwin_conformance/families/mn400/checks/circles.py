@@ -25,6 +25,7 @@ TABLE: Final = ("MN4-CMD-A-01", "MN4-CMD-A-02", "MN4-CMD-A-03", "MN4-CMD-A-05", 
                 "MN4-ARC-03", "MN4-ARC-04", "MN4-ARC-08")  # fmt: skip
 # Planes of X and Y, and a traverse motor, from 1.
 PLANES: Final = ((1, 2, 3), (4, 1, 2), (2, 4, 1), (3, 1, 4))
+ON_CIRCLE: Final = ("MN4-ARC-04", "MN4-ARC-08")
 OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right arc gives
 
 
@@ -37,7 +38,7 @@ def arcs_run_on_their_circle(session: Session) -> None:
         for direction in (1, -1):
             motion.ready()
             motion.do(f"A{centre_x},{centre_y},{x},{y},{direction}", "MN4-CMD-A-01")
-            path = ("MN4-CMD-A-01", "MN4-CMD-A-03", "MN4-ARC-01", "MN4-CMD-A-05")
+            path = (*ON_CIRCLE, "MN4-CMD-A-01", "MN4-CMD-A-03", "MN4-ARC-01", "MN4-CMD-A-05")
             rows = motion.follow(path, ("MN4-ARC-03", "MN4-CMD-A-02"), "MN4-CMD-A-05", samples=8)
             _judge_circle(session, rows, (0, 2), (centre_x, centre_y), (x, y))
 

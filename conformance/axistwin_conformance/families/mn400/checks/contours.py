@@ -19,7 +19,6 @@ EXAMPLE_LINES: Final = (
     "V3000", "M500,,500", "M505,,500", "M509,,500", "V3850", "M530,,505", "M520,,510",
 )  # fmt: skip
 EXAMPLE_STEPS: Final = 2564  # along its longest axis
-CAPACITY: Final = 256  # segments (MN4-CMD-CC-09)
 SAME_SPEED: Final = Fraction(1, 20)  # s, by which one motion may be seen to differ from another
 
 
@@ -32,20 +31,21 @@ def contour(
         motion.do(line, requirement)
 
 
-@check("MN4-CMD-CC-02", "MN4-CMD-CC-05", "MN4-CC-01", "MN4-CC-03", "MN4-CC-04", "MN4-CC-06",
-       "MN4-CC-05", safety=MOTION)  # fmt: skip
+@check("MN4-CMD-CC-01", "MN4-CMD-CC-02", "MN4-CMD-CC-05", "MN4-CC-01", "MN4-CC-03", "MN4-CC-04",
+       "MN4-CC-06", "MN4-CC-05", safety=MOTION)  # fmt: skip
 def the_example_takes_the_time_of_its_margin(session: Session) -> None:
     """Five segments on two axes with margins of 50 and 20: every reading on the way and the end
     are those of the fastest plan that keeps both."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(EXAMPLE_STEPS, "the example's segments")
     motion.needs_speed(3850, "the example's segments")
-    for opening, requirement in (("(50", "MN4-CC-04"), ("(", "MN4-CC-05"), ("(20", "MN4-CC-04")):
+    usual = ("MN4-CC-05", "MN4-CMD-CC-01")
+    for opening, names in (("(50", ("MN4-CC-04",)), ("(", usual), ("(20", ("MN4-CC-04",))):
         motion.ready()
         contour(motion, opening, EXAMPLE_LINES)
         motion.do(")", "MN4-CMD-CC-05")
-        path = (requirement, "MN4-CC-03", "MN4-CC-06")
-        motion.follow(path, "MN4-CC-01", (*path, "MN4-CMD-CC-05"), samples=10)
+        path = (*names, "MN4-CC-03", "MN4-CC-06", "MN4-CMD-CC-05")
+        motion.follow(path, "MN4-CC-01", path, samples=10)
 
 
 @check("MN4-CC-01", "MN4-CMD-CC-02", "MN4-CMD-CC-04", "MN4-STM-06", safety=MOTION)
@@ -193,12 +193,13 @@ def a_contour_has_room_for_256_segments(session: Session) -> None:
     """One more is SLAVEBUFFOV; Q forgets them all."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
+    capacity = int(driver.reading("cc_capacity"))
     motion.ready()
     motion.set("(")
-    for number in range(CAPACITY):
+    for number in range(capacity):
         exchange = driver.ask(f"M{1 if number % 2 else -1}")
         if not exchange.says(*DONE):
-            driver.tells(False, "MN4-CMD-CC-09", f"{CAPACITY} segments", f"{number}: {exchange}")
+            driver.tells(False, "MN4-CMD-CC-09", f"{capacity} segments", f"{number}: {exchange}")
             break
     else:
         exchange = driver.ask("M1")

@@ -67,7 +67,7 @@ def in_a_program_every_command_is_a_line(session: Session) -> None:
     is listed by R, and nothing moves."""
     motion, _ = slow_board(session)
     with program_entry(motion.driver):
-        motion.model.accept("Z", motion.span(motion.driver.ask("&")))
+        motion.model.accept("Z", motion.now)
         for text in _sent(motion, codec.END_OF_PROGRAM, "."):
             _judge_line(motion, text, "MN4-STM-04")
         motion.driver.judge(end_program(motion.driver), DONE, "MN4-NVM-01")
@@ -82,7 +82,7 @@ def in_a_configuration_every_command_is_a_line(session: Session) -> None:
     motion, _ = slow_board(session)
     with emptied_afterwards(motion.driver):
         motion.driver.draws(".", DONE, "MN4-NVM-04")
-        motion.model.accept(".", motion.span(motion.driver.ask("&")))
+        motion.model.accept(".", motion.now)
         for text in _sent(motion, "Q"):
             _judge_line(motion, text, "MN4-NVM-04")
         motion.driver.draws("Q", DONE, "MN4-NVM-04")

@@ -30,7 +30,7 @@ def every_reply_is_packets_as_the_manual_draws_them(session: Session) -> None:
     """Replies to reads and orders: own address twice, the command, a right sum, START and DONE in
     six bytes."""
     driver = BoardDriver(session)
-    for text in (*READS, *PLAIN_ORDERS, "*"):
+    for text in driver.known((*READS, *PLAIN_ORDERS, "*")):
         judge_packets(driver, text, driver.ask(text))
 
 
@@ -178,7 +178,7 @@ def a_board_finds_the_next_frame(session: Session) -> None:
 def a_command_draws_its_two_packets_and_nothing_more(session: Session) -> None:
     """START and DONE of an order, START and the value of a read; a quiet line behind them."""
     driver = BoardDriver(session)
-    for text in (*READS, *PLAIN_ORDERS):
+    for text in driver.known((*READS, *PLAIN_ORDERS)):
         is_read = text in READS
         name = "MN4-RSP-04" if is_read else "MN4-RSP-03"
         driver.draws(text, DATA if is_read else DONE, name)

@@ -115,7 +115,7 @@ def counters_are_loaded_at_their_edges(session: Session) -> None:
 
 def _at_edges(driver: BoardDriver, letters: str) -> None:
     """Send every text of the table that is harmless, and judge what it draws."""
-    for letter in letters:
+    for letter in driver.known(letters):
         for text in edges(letter):
             if danger(text, driver.board, driver.target.baud) == "passive":
                 judge_text(driver, text, driver.refusal_of(text))

@@ -7,6 +7,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
+from axistwin_conformance.families.mn400.checks.queue import needs_flags
 from axistwin_conformance.families.mn400.client import MEASURES_S, REPLY_LIMIT_S
 from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, FLAGS, BoardDriver
 from axistwin_conformance.families.mn400.snapshot import restoring
@@ -14,6 +15,11 @@ from axistwin_conformance.families.mn400.snapshot import restoring
 ORDER = 30
 
 READS: Final = ("E", "N", "S", "/", "?", "[", ":")
+# What each read tells in numbers: the requirement, and how many.
+FIELDS: Final = {
+    "E": ("MN4-CMD-E-01", AXES), "N": ("MN4-CMD-N-01", AXES), "S": ("MN4-CMD-S-01", 1),
+    "[": ("MN4-CMD-SHD-01", 1), ":": ("MN4-CMD-SW-01", len(FLAGS)),
+}  # fmt: skip
 IDLE_FLAGS: Final = ("PauseFlag", "PauseState")
 MOST_INPUTS: Final = 65535
 
@@ -23,7 +29,7 @@ def every_value_ends_in_the_same_way(session: Session) -> None:
     """All data packets have one trailer, and all but the firmware are plain numbers."""
     driver = BoardDriver(session)
     trailers = set()
-    for text in READS:
+    for text in driver.known(READS):
         exchange = driver.draws(text, DATA, "MN4-RSP-04")
         packet = exchange.value
         assert packet is not None, "the line above has seen to it"
@@ -31,6 +37,9 @@ def every_value_ends_in_the_same_way(session: Session) -> None:
         if text != "?":
             told = packet.value
             session.expect(packet.fields is not None, "MN4-RSP-10", "plain numbers", told)
+            if "0" in told.split(",")[1:]:
+                seen = "dot_nul" if packet.is_dotted else "ascii"
+                driver.follows("data_value_encoding", seen, "MN4-RSP-10")
     session.expect(len(trailers) == 1, "MN4-RSP-12", "one trailer", sorted(trailers))
     driver.follows("data_packet_trailer", trailers.pop(), "MN4-RSP-12")
 
@@ -40,10 +49,8 @@ def every_value_ends_in_the_same_way(session: Session) -> None:
 def reads_have_the_fields_of_the_manual(session: Session) -> None:
     """Four counters, four remainders, five flags, a shield, inputs within 16 bits, a revision."""
     driver = BoardDriver(session)
-    for text, name, count in (
-        ("E", "MN4-CMD-E-01", AXES), ("N", "MN4-CMD-N-01", AXES), ("S", "MN4-CMD-S-01", 1),
-        ("[", "MN4-CMD-SHD-01", 1), (":", "MN4-CMD-SW-01", len(FLAGS)),
-    ):  # fmt: skip
+    for text in driver.known(FIELDS):
+        name, count = FIELDS[text]
         fields = driver.value(text).fields or ()
         session.expect(len(fields) == count, name, f"{count} numbers", fields, f"to {text}")
         if text in "[:":
@@ -59,6 +66,7 @@ def reads_have_the_fields_of_the_manual(session: Session) -> None:
 @restoring(";")
 def feed_hold_is_the_second_flag(session: Session) -> None:
     """;1 and ;0 answer START and DONE, and : shows them; at rest nothing is paused."""
+    needs_flags(session)
     driver = BoardDriver(session)
     for mode in (1, 0, 1, 0):
         driver.draws(f";{mode}", DONE, "MN4-RSP-07")
@@ -72,6 +80,7 @@ def feed_hold_is_the_second_flag(session: Session) -> None:
 @check("MN4-CMD-SHD-01", "MN4-CMD-SW-01")
 def both_tell_of_the_shield_in_one_sense(session: Session) -> None:
     """[ and the first flag of : are equal, or opposite throughout (MN4-AMB-36)."""
+    needs_flags(session)
     driver = BoardDriver(session)
     for _ in range(3):
         shield, flag = driver.shield(), driver.flags()["ShieldFlag"]
@@ -94,7 +103,7 @@ def the_last_message_comes_again(session: Session) -> None:
     """& after each read and after an order: one packet, as before but for its command and sum; and
     so once more."""
     driver = BoardDriver(session)
-    for text in (*READS, "V2000", "Q"):
+    for text in driver.known((*READS, "V2000", "Q")):
         name = "MN4-CMD-RTX-01" if text in READS else "MN4-CMD-RTX-02"
         said = driver.ask(text)
         session.step(said.is_sound, f"packets to {text}", said)
@@ -132,7 +141,7 @@ def at_rest_these_do_nothing(session: Session) -> None:
     session.not_run("MN4-CMD-U-02", "whether a program is stored is not known here")
 
 
-@check("MN4-CMD-CC-01", "MN4-CMD-CC-03", "MN4-CMD-CC-04", "MN4-ERR-02")
+@check("MN4-CMD-CC-01", "MN4-CMD-CC-03", "MN4-CMD-CC-04", "MN4-ERR-01", "MN4-ERR-02")
 @restoring("LXVH;")
 def while_a_contour_is_entered_little_is_served(session: Session) -> None:
     """Between ( and Q other commands draw what this board has for them, and do nothing."""

@@ -20,10 +20,16 @@ ORDER = 320
 JOG: Final = ("rig:jog_plus", "rig:jog_minus")
 TAP_S: Final = 0.05
 BETWEEN_S: Final = 0.1
-HELD_S: Final = 1.5  # longer than any board takes to tell a tap from a held input
+HELD_S: Final = 1.0  # an input is held for so much longer than what may be a tap
 JOG_SPEED: Final = 400
 PROFILE: Final = (1000, 5000, 10_000)  # starts above the jog speed: no ramps
 READ_S: Final = Fraction(1, 20)  # by which the instants of a rig and a reading may lie apart
+
+
+def hold(motion: BoardMotion, name: str) -> None:
+    """Press a jog input of axis 1 until the board must have told that from a tap."""
+    motion.session.rig.work(name, True, number=1)
+    motion.target.wait(int(motion.driver.reading("jog_hold_ms")) / 1000 + HELD_S)
 
 
 def tap(motion: BoardMotion, axis: int, direction: int, times: int = 1) -> tuple[int, ...]:
@@ -59,6 +65,7 @@ def taps_move_in_jog_mode_alone(session: Session) -> None:
                 place[axis] += 8 * direction * times * is_on
                 counters = tap(motion, axis, direction, times)
                 names = ("MN4-JOG-01", "MN4-CMD-G-01") if is_on else ("MN4-JOG-07",)
+                names = (*names, "MN4-CMD-J-01")
                 session.expect(counters == tuple(place), names, tuple(place), counters)
     session.expect(motion.driver.is_present(), "MN4-CMD-J-01", "an answer in run mode", "none")
 
@@ -105,8 +112,7 @@ def a_held_input_runs_at_the_jog_speed(session: Session) -> None:
     for percent in (100, 50):
         driver.command("J1")
         session.rig.work("jog_pot", percent)
-        session.rig.work("jog_minus", True, number=1)
-        motion.target.wait(HELD_S)
+        hold(motion, "jog_minus")
         first, began = motion.read()
         motion.target.wait(0.5)
         second, ended = motion.read()
@@ -130,8 +136,7 @@ def limits_and_shield_end_jogging(session: Session) -> None:
     motion = jogging(session, "G1000,1000,1000,1000,1000")
     for name, number in (("limit_plus", 1), ("shield", None)):
         motion.driver.command("J1")
-        session.rig.work("jog_plus", True, number=1)
-        motion.target.wait(HELD_S)
+        hold(motion, "jog_plus")
         session.rig.work(name, True, number=number)
         motion.target.wait(0.2)
         motion.stays("MN4-JOG-08")

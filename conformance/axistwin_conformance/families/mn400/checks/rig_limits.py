@@ -6,6 +6,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.checks.queue import needs_flags
 from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import RIG_MOTION, BoardMotion
 
@@ -154,6 +155,7 @@ def aux_inputs_are_shown_and_stop_nothing(session: Session) -> None:
 def without_feed_hold_the_shield_aborts(session: Session) -> None:
     """Its switch closed during a move ends that, / is 0, : tells of the abort; with it closed
     nothing more runs."""
+    needs_flags(session)
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(FAR, "this move")
@@ -179,6 +181,7 @@ def without_feed_hold_the_shield_aborts(session: Session) -> None:
 def with_feed_hold_the_shield_pauses(session: Session) -> None:
     """Its switch closed pauses, opened goes on to the exact end; a { beside it wants its } too; ;0
     in such a pause does not abort."""
+    needs_flags(session)
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(FAR, "these moves")

@@ -70,7 +70,7 @@ def _judge_pulses(motion: BoardMotion, base: Sequence[int], pulses: int) -> None
         windows = [threaded(by, done, pulses) for by in BY]
         place = [(at + low, at + high) for at, (low, high) in zip(base, windows, strict=True)]
         is_right = inside(counters, tuple(place))
-        names = ("MN4-THR-01", "MN4-THR-02")
+        names = ("MN4-THR-01", "MN4-THR-02", "MN4-CMD-T-01", "MN4-CMD-T-02")
         motion.session.expect(is_right, names, told(place), counters, f"after {done} of {pulses}")
 
 
@@ -122,7 +122,7 @@ def at_a_negative_speed_pulses_pace_every_move(session: Session) -> None:
     motion.needs_room(400, "these moves")
     motion.ready("V-1")
     driver.draws(f"M{','.join(map(str, BY))}", DONE, "MN4-CMD-V-02")
-    motion.stays("MN4-CMD-V-02")
+    motion.stays(("MN4-CMD-V-02", "MN4-SYN-01"))
     length, done = major_length(BY), 0
     for piece in (1, 9, 40, 49, 1):
         done += piece

@@ -252,7 +252,8 @@ class BoardModel:
         is_end = text == (END_OF_PROGRAM if self.entry is BoardState.PRG else letter)
         if is_end and (self.entry is BoardState.PRG or letter == "Q"):
             return Expectation(frozenset({(START, "DONE")}), "MN4-NVM-01")
-        if self.reading("prog_check") == "entry" and (rule_of(text) is None or letter in "Z."):
+        is_unknown = rule_of(text) is None or self._is_missing(letter)
+        if self.reading("prog_check") == "entry" and (is_unknown or letter in REFUSED_LINES):
             return self._error("INVALIDPROGCOMM", "MN4-NVM-06", is_open=True)
         return Expectation(frozenset({(START, "DONE")}), "MN4-STM-04")
 

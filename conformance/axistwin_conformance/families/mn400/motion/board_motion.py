@@ -13,7 +13,7 @@ by `CLOCK_ERROR` (ledger 9.3).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
@@ -25,7 +25,14 @@ from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400.client import BoardExchange
 from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.model.board import BoardModel
-from axistwin_conformance.families.mn400.model.motions import ENDLESS, Place, Span
+from axistwin_conformance.families.mn400.model.motions import (
+    ENDLESS,
+    CircleMotion,
+    CompensatedMotion,
+    Place,
+    PlannedMotion,
+    Span,
+)
 from axistwin_conformance.families.mn400.motion.return_to_start import (
     return_to_start,
     wait_for_rest,
@@ -120,6 +127,11 @@ class BoardMotion:
             first += sizes[0] * byte_ns
             last -= sizes[-1] * byte_ns if exchange.value is not None else 0
         return Fraction(first, NS), Fraction(last, NS)
+
+    @property
+    def now(self) -> Span:
+        """The present, as a time in which something was done."""
+        return (Fraction(self.target.now_ns, NS),) * 2
 
     def widened(self, now: Span) -> Span:
         """The same, wider by what a real board's clock may be off."""
@@ -306,6 +318,27 @@ class BoardMotion:
             [(at_ns, counters[axis])],
             [(at_ns, low, high)],
         )
+        for x, y in _planes([one.motion for one in motions[:1]]):
+            self.session.motions.trace(
+                f"path of axes {x + 1} and {y + 1} at {self._began_ns / NS:.3f} s",
+                (f"axis {x + 1}", f"axis {y + 1}"),
+                (at_ns, counters[x], counters[y], *place[x], *place[y]),
+            )
+
+
+def _planes(motions: Sequence[PlannedMotion]) -> Iterator[tuple[int, int]]:
+    """The two axes, from 0, of which a path is kept: those of a circle, or those that go farthest;
+    none where one axis moves alone."""
+    for motion in motions:
+        bare = motion.motion if isinstance(motion, CompensatedMotion) else motion
+        if isinstance(bare, CircleMotion):
+            x, y, _ = bare.plane
+            yield min(x, y), max(x, y)
+            return
+        moves = [abs(one) for one in bare.displacements]
+        second, first = sorted(range(len(moves)), key=lambda axis: moves[axis])[-2:]
+        if moves[second]:
+            yield min(first, second), max(first, second)
 
 
 def inside(counters: Sequence[int], place: Place) -> bool:

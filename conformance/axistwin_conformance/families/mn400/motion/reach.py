@@ -108,6 +108,10 @@ class BoardReach:
         reach = tuple((low - far, high + far) for low, high in self.reach)
         return replace(self, reach=reach, tip=reach, jogs_since_ns=now_ns)
 
+    def cut_short(self) -> BoardReach:
+        """The same if what is under way may end, or has ended, anywhere on its way."""
+        return replace(self, tip=self.reach)
+
     def sent_to(self, tip: Box, letter: str, passed: Box | None = None) -> BoardReach:
         """The same with one more motion that ends in that box, and stays within `passed`."""
         reach = joined_boxes(self.reach, tip, *([passed] if passed is not None else []))

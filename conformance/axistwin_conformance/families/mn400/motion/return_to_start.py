@@ -34,10 +34,24 @@ def wait_for_rest(driver: BoardDriver) -> tuple[int, ...]:
     return seen
 
 
-def return_to_start(session: Session, driver: BoardDriver) -> str:
-    """End any motion and go home; why that could not be, or nothing."""
+def locate(session: Session, driver: BoardDriver) -> None:
+    """Have the travel guard know where the axes are, before counters are loaded: what a stored
+    program moves is only over for certain behind a Q."""
+    guard = session.transport.travel_guard
+    if isinstance(guard, BoardTravelGuard) and guard.way_home(driver.board) is None:
+        _come_to_rest(session, driver)
+
+
+def _come_to_rest(session: Session, driver: BoardDriver) -> None:
     driver.ask("Q")
     wait_for_rest(driver) if driver.reading("quit_decel") == "true" else driver.position()
+    if session.run.readings.guess("move_abort_use", "") == "while_aborted":
+        driver.ask("|")  # else no DONE comes until the next motion (MN4-AMB-51)
+
+
+def return_to_start(session: Session, driver: BoardDriver) -> str:
+    """End any motion and go home; why that could not be, or nothing."""
+    _come_to_rest(session, driver)
     guard = session.transport.travel_guard
     if not isinstance(guard, BoardTravelGuard):
         return ""

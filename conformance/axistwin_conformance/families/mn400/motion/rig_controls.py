@@ -66,4 +66,5 @@ BOARD_CONTROLS: Final = rig_controls(
     ),
     POWER,
 )  # fmt: skip
+HALTING: Final = ("limit_plus", "limit_minus", "shield", "stop")  # what may cut a motion short
 JOGGING: Final = ("run_jog", "jog_plus", "jog_minus")  # what may let axes jog; the switch first

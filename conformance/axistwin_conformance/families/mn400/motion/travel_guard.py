@@ -15,9 +15,11 @@ Rules.
 2. What moves is not sent before the speed and the profile were set: no board tells them.
 3. A counter tells where an axis is once nothing can be moving it: after Q, or at the end of a lone
    move.  Backlash compensation is in no counter, so it widens what is possible and never narrows.
-4. A counter seen where nothing leads that was asked for is a doubt; a second one in a row is a
+4. An input that halts, worked by the rig, leaves the axes anywhere on their way; so does each
+   motion asked for while one is on.  What is relative starts from there.
+5. A counter seen where nothing leads that was asked for is a doubt; a second one in a row is a
    runaway (`runaway`), and from then on nothing that moves is sent any more.
-5. Motion without an end is that of a jog input that the rig works.  `deadline_ns` is when the stop
+6. Motion without an end is that of a jog input that the rig works.  `deadline_ns` is when the stop
    must be on its way.
 
 Q, { and reads are never held back.
@@ -26,7 +28,7 @@ Q, { and reads are never held back.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import ceil, hypot
 from typing import Final, NoReturn
@@ -44,7 +46,7 @@ from axistwin_conformance.families.mn400.motion.reach import (
     shared,
     shift,
 )
-from axistwin_conformance.families.mn400.motion.rig_controls import JOGGING, POWER_NAME
+from axistwin_conformance.families.mn400.motion.rig_controls import HALTING, JOGGING, POWER_NAME
 from axistwin_conformance.families.mn400.planner.vector import AXES, Window
 from axistwin_conformance.families.mn400.words import command_words
 
@@ -81,6 +83,7 @@ class BoardTravelGuard:
         self.boards: dict[int, BoardReach] = {}
         self.runaway = ""  # why nothing that moves is sent any more
         self.broken = ""  # the requirement it fails by that
+        self._is_halting = False  # an input that halts may be on
         self._doubtful: set[int] = set()  # boards last seen where they cannot be
         self._before: dict[int, BoardReach] = {}
         self._after: dict[int, BoardReach] = {}
@@ -195,7 +198,9 @@ class BoardTravelGuard:
         letter, numbers = text[:1].upper(), _numbers(text)
         act = _ACTS.get(letter)
         if act is not None:
-            return replace(act(self, state, numbers), seen=None)
+            after = replace(act(self, state, numbers), seen=None)
+            is_cut = self._is_halting and after.motions > state.motions
+            return after.cut_short() if is_cut else after
         if letter == "U":
             return self._program(state)
         return state if letter in "ENS/?[:&" else replace(state, seen=None)
@@ -315,13 +320,8 @@ class BoardTravelGuard:
             return replace(state, entry="")
         flushes = self.readings.guess("quit_flushes_queue", "true") == "true"
         left = 0 if flushes else max(0, state.motions - 1)
-        return replace(
-            state,
-            entry="",
-            motions=left,
-            jogs_since_ns=None,
-            tip=state.tip if left else state.reach,
-        )
+        halted = replace(state, entry="", motions=left, jogs_since_ns=None)
+        return halted if left else halted.cut_short()
 
     def _jog(self, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
         is_on = bool(numbers and numbers[0])
@@ -341,11 +341,14 @@ class BoardTravelGuard:
 
     # --- the rig ----------------------------------------------------------------------------------
 
-    def worked(self, name: str, window: tuple[int, int]) -> None:
-        """The rig has worked `name` in this window of the clock, ns."""
+    def worked(self, name: str, window: tuple[int, int], disturbed: Collection[str] = ()) -> None:
+        """The rig has worked `name` in this window of the clock, ns; see `TravelLimiter.worked`."""
+        self._is_halting = not set(HALTING).isdisjoint(disturbed)
         for board, state in tuple(self.boards.items()):
             if name == POWER_NAME:
                 self.boards[board] = self._restarted(state)
+            elif name in HALTING:
+                self.boards[board] = state.cut_short()
             elif name in JOGGING and (state.is_jogging or name in JOGGING[:1]):
                 since_ns = window[0] if state.jogs_since_ns is None else state.jogs_since_ns
                 self.boards[board] = replace(
@@ -391,7 +394,9 @@ class BoardTravelGuard:
         is_refused = said in REFUSED or (said == "MOVEPENDING" and self._is_kept_out(asked))
         if is_refused:
             self.boards[board] = self._before.get(board, self._after[board])
-        elif said in OBEYED:
+        elif said in OBEYED or (
+            said == "MOVE_ABORT" and self.readings.guess("move_abort_use", "") == "while_aborted"
+        ):
             self.boards[board] = self._after[board].grown(now_ns)
             if said == "data" and asked.command.upper() == "E":
                 self._learn(board, asked, packet)

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from math import hypot, sqrt
 from typing import Final
 
-from axistwin_conformance.core.probing import Outcome, probe
+from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mn400.checks.contours import EXAMPLE_LINES, EXAMPLE_STEPS
 from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.model.board import BoardModel
 from axistwin_conformance.families.mn400.model.motions import Span
 from axistwin_conformance.families.mn400.motion.board_motion import (
+    LAG_S,
     MOTION,
     NS,
     RIG_MOTION,
@@ -29,6 +31,7 @@ ORDER = 30  # of this module in a run; see `Family.modules`
 FAR: Final = 2000
 LOOKS: Final = 16
 ANY: Final = "*"
+MOST_TOLERANCE: Final = 8  # steps by which the radii of no arc differ
 
 
 class RecordedMotion:
@@ -131,7 +134,46 @@ def multiplex_cap(driver: BoardDriver) -> Outcome:
     return 2 if found == (1, 2) else found
 
 
+@probe(safety=MOTION)
+def dda_phase(driver: BoardDriver) -> Outcome:
+    """The one step of axis 2 beside 40 of axis 1: halfway, at the end, or at once."""
+    motion = BoardMotion(driver)
+    motion.ready("V40")
+    driver.command("M40,1")
+    begun = Fraction(driver.target.now_ns, NS)
+    seen = []
+    for part in (Fraction(1, 4), Fraction(3, 4)):
+        motion.wait_until(begun + part)
+        seen.append(motion.read()[0][1])
+    motion.rest()
+    readings = {(0, 1): 0, (0, 0): 1, (1, 1): 2}
+    return readings.get((seen[0], seen[1]), f"axis 2 at {seen}")
+
+
 # --- circles --------------------------------------------------------------------------------------
+
+
+@probe(safety=MOTION)
+def arc_radius_tol(driver: BoardDriver) -> Outcome:
+    """By how much the radii of an arc that is begun may differ, sought by halves."""
+    motion = BoardMotion(driver)
+    radius = motion.within(2000) // 2
+    fits, too_far = 0, int(sqrt(2 * MOST_TOLERANCE * radius))
+    while too_far - fits > 1:
+        aside = (fits + too_far) // 2
+        motion.ready()
+        exchange = driver.ask(f"A{-radius},0,{-2 * radius},{aside},1")
+        driver.ask("Q")
+        if exchange.says(*DONE):
+            fits = aside
+        else:
+            too_far = aside
+    least, most = (Fraction(hypot(radius, one) - radius) for one in (fits, too_far))
+    ambiguity = driver.session.run.ledger.ambiguity_of("arc_radius_tol")
+    usual = ambiguity.default_of("arc_radius_tol")
+    if least <= Fraction(usual) < most:
+        return Measured(usual)
+    return Measured(f"{float(least + most) / 2:.2f}")
 
 
 @probe(safety=MOTION)
@@ -314,6 +356,19 @@ def backlash_speed(driver: BoardDriver) -> Outcome:
     return recorded.watch(0.8).tells("backlash_speed")
 
 
+@probe(safety=MOTION)
+def backlash_arc(driver: BoardDriver) -> Outcome:
+    """Whether an arc on which two axes turn is over when it is without compensation on the way."""
+    motion = BoardMotion(driver)
+    motion.ready("B20,20,20,20", speed=100)
+    motion.set("A-30,-30,-60,-60,1")
+    motion.wait_until(motion.ends[1] + LAG_S + Fraction(1, 20))
+    place, _ = motion.read()
+    last = motion.rest()
+    is_there = tuple((one, one) for one in last) == motion.end
+    return int(place != last) if is_there else str(last)
+
+
 # --- pause and quit -------------------------------------------------------------------------------
 
 
@@ -479,6 +534,8 @@ def multi_limit_exit(driver: BoardDriver) -> Outcome:
 # --- jogging --------------------------------------------------------------------------------------
 
 JOG: Final = ("rig:jog_plus",)
+JOG_SPEED, HELD_S = 400, 2.5
+JOG_ROOM, JOG_OFF_MS = 1200, 3
 
 
 def _taps(driver: BoardDriver, settings: str, times: int) -> tuple[int, ...]:
@@ -504,6 +561,26 @@ def tap_rounding(driver: BoardDriver) -> Outcome:
     places = _taps(driver, "G10,10,10,10,8", 5)
     rhythms = ((0, 1, 2, 3, 4), (1, 2, 2, 3, 4))
     return rhythms.index(places) if places in rhythms else str(places)
+
+
+@probe(safety=RIG_MOTION, needs=JOG)
+def jog_hold_ms(driver: BoardDriver) -> Outcome:
+    """How many steps less than its time allows an input makes that is held."""
+    motion, rig = BoardMotion(driver), driver.session.rig
+    if not rig.is_exact:
+        driver.session.skip("an input that is held needs a rig that keeps time")
+    motion.needs_room(JOG_ROOM, "this jogging")
+    motion.ready(f"Y{JOG_SPEED}", "G1,1,1,1,1")
+    driver.command("J1")
+    begun = rig.work("jog_plus", True, number=1)
+    driver.target.wait(HELD_S)
+    ended = rig.work("jog_plus", False, number=1)
+    jogged = motion.rest()[0] - 1  # the press was a tap as well
+    driver.command("J0")
+    held_s = (sum(ended) - sum(begun)) / 2e9
+    ms = round((held_s - (jogged + 0.5) / JOG_SPEED) * 1000)
+    usual = driver.session.run.ledger.ambiguity_of("jog_hold_ms").default_of("jog_hold_ms")
+    return Measured(usual if abs(ms - int(usual)) <= JOG_OFF_MS else str(ms))
 
 
 @probe(safety=RIG_MOTION, needs=JOG)

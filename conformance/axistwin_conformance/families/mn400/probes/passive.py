@@ -18,8 +18,8 @@ from axistwin_conformance.families.mn400.snapshot import put_back
 ORDER = 10  # of this module in a run; see `Family.modules`
 
 TRAILERS: Final = (b"\x06", b"", b"\x06\x00", b"\x05", b"\x05\x00", b"\x00")
-DOT_NUL: Final = ".\x00"
 MS: Final = 1_000_000
+LEAST_BOUND: Final = 2_147_000_000  # of long numbers: what the manual says
 LONGEST_S: Final = 10.0  # a time-out that has not run out by then counts as none
 COARSE_MS: Final = 50  # a time measured on a real line is told in steps of so many
 SHORT_PAYLOAD, LONG_PAYLOAD = 69, 400  # characters: the longest legal one; more than any buffer
@@ -68,10 +68,9 @@ def data_value_encoding(driver: BoardDriver) -> Outcome:
     exchange = driver.ask("E")
     if exchange.value is None:
         return str(exchange)
-    if exchange.value.fields is not None:
-        return 0
-    told = exchange.value.text
-    return 1 if DOT_NUL in told else repr(told)
+    if exchange.value.fields is None:
+        return repr(exchange.value.text)
+    return int(exchange.value.is_dotted)
 
 
 @probe()
@@ -157,19 +156,29 @@ def space_policy(driver: BoardDriver) -> Outcome:
 
 @probe()
 def long_max(driver: BoardDriver) -> Outcome:
-    """Counters of 2147483647 and of 2147000001."""
-    seen = serves(driver, "L2147483647,0,0,0", "L2147000001,0,0,0", "L2147000000,0,0,0")
-    return which({(True, True, True): 0, (False, False, True): 1}, seen)
+    """The greatest counter that is loaded, sought by halves."""
+    return _bound(driver, "")
 
 
 @probe()
 def long_min(driver: BoardDriver) -> Outcome:
-    """Counters of -2147483648 and of -2147000001."""
-    seen = serves(driver, "L-2147483647,0,0,0", "L-2147483648,0,0,0", "L-2147000001,0,0,0")
-    readings: dict[tuple[bool | None, ...], int] = {
-        (True, False, True): 0, (True, True, True): 1, (False, False, False): 2,
-    }  # fmt: skip
-    return which(readings, seen)
+    """The least counter that is loaded, sought by halves."""
+    return _bound(driver, "-")
+
+
+def _bound(driver: BoardDriver, sign: str) -> Outcome:
+    """The bound of long numbers of that sign (MN4-AMB-48)."""
+    fits, too_far = LEAST_BOUND, (1 << 31) + 1
+    with put_back(driver.session, "L"):
+        if not is_served(driver.ask(f"L{sign}{fits},0,0,0")):
+            return f"{sign}{fits} is refused"
+        while too_far - fits > 1:
+            middle = (fits + too_far) // 2
+            if is_served(driver.ask(f"L{sign}{middle},0,0,0")):
+                fits = middle
+            else:
+                too_far = middle
+    return Measured(f"{sign}{fits}")
 
 
 @probe()

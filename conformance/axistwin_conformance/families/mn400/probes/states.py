@@ -3,9 +3,11 @@ abort leaves behind.  All moves are short and slow; what is told by inputs takes
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
+from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.hold import hold_text
 from axistwin_conformance.families.mn400.checks.queue import slow_board, standing_axis_loaded
 from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
@@ -17,6 +19,7 @@ MOTION_RIG: Final = ("motion", "rig")
 PENDING: Final = ("START", "MOVEPENDING")
 STEPS: Final = 40
 MOST_QUEUED: Final = 200
+MOST_SEGMENTS: Final = 300
 AUX_8: Final = 32768
 
 
@@ -39,6 +42,23 @@ def let_go(motion: BoardMotion) -> None:
     motion.driver.ask("Q")
     takes = motion.driver.reading("hold_takes_arg") == "true"
     motion.driver.ask("H0" if takes else "H")
+
+
+# --- abort ----------------------------------------------------------------------------------------
+
+
+@probe(safety=MOTION)
+def move_abort_use(driver: BoardDriver) -> Outcome:
+    """Whether MOVE_ABORT stands for DONE behind Q in a move, until | and no longer."""
+    _, steps = slow(driver)
+    driver.command(f"M{steps}")
+    driver.ask("Q")
+    said = [codec.codes_of(driver.ask(text).found)[-1:] for text in ("X1", "|", "X1")]
+    readings: Mapping[tuple[tuple[str, ...], tuple[str, ...]], int] = {
+        (("DONE",), ("DONE",)): 0,
+        (("MOVE_ABORT",), ("DONE",)): 1,
+    }
+    return readings.get((said[0], said[2]), f"{said}")
 
 
 # --- coordinates ----------------------------------------------------------------------------------
@@ -159,6 +179,18 @@ def queue_depth(driver: BoardDriver) -> Outcome:
 
 
 @probe(safety=MOTION)
+def cc_capacity(driver: BoardDriver) -> Outcome:
+    """How many segments a contour takes."""
+    slow(driver)
+    with driver.entered("("):
+        for taken in range(MOST_SEGMENTS):
+            codes = driver.ask(f"M{1 - 2 * (taken % 2)}").codes
+            if codes != DONE:
+                return Measured(str(taken)) if "SLAVEBUFFOV" in codes else str(codes)
+    return f"{MOST_SEGMENTS} taken"
+
+
+@probe(safety=MOTION)
 def quit_in_entry(driver: BoardDriver) -> Outcome:
     """A move, ( while it runs, Q; E twice."""
     _, steps = slow(driver)
@@ -180,15 +212,6 @@ def abort_flag_clear(driver: BoardDriver) -> Outcome:
     driver.command("Q")
     flags = tuple(driver.flags()["AbortFlag"] for _ in range(2))
     return {(1, 1): 0, (1, 0): 1}.get((flags[0], flags[1]), f"AbortFlag {flags}")
-
-
-@probe(safety=MOTION)
-def move_abort_use(driver: BoardDriver) -> Outcome:
-    """Whether Q in a move, and what comes behind it, draws MOVE_ABORT."""
-    _, steps = slow(driver)
-    driver.command(f"M{steps}")
-    codes = {code for text in ("Q", "E", "X1", "|") for code in driver.ask(text).codes}
-    return 1 if "MOVE_ABORT" in codes else 0
 
 
 @probe(safety=MOTION_RIG, needs=("rig:limit_plus",))

@@ -15,14 +15,13 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.packets import carrying
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.link import JUNK, WHILE_IT_TALKS
 from axistwin_conformance.families.msc.program import BenchProgram
 
 ORDER = 20  # of this module in a run; see `Family.modules`
 
 MOST_REFUSALS: Final = 6  # one more than MSC-LNK-09 has repeats
 SECOND: Final = codec.rflag(0)  # whose reply cannot be taken for RQSTAT's
-WHILE_IT_TALKS: Final = 4  # characters of a reply that have come when it is interrupted
-JUNK: Final = b"\x00"
 SCANS_S: Final = 0.1  # several scans of the bench program (10 ms each)
 TICKS_AT: Final = 4  # behind its first variable: one more in each scan
 COUNTER_AT: Final = 0  # one more each time its first flag is found on
@@ -417,6 +416,8 @@ def _talk_over(driver: MscDriver, sent: bytes, when: str) -> None:
     rest = driver.client.receive(driver.client.reply_bytes("RQSTAT") - WHILE_IT_TALKS)
     received = codec.parse(begun + rest)
     is_whole = received is not None and received.is_sound
+    if not is_whole:
+        driver.link.must_hear_while_it_talks()
     session.expect(is_whole, "MSC-LNK-10", "the whole packet", (begun + rest).hex(" "))
     assert received is not None
     if first and session.reading("retransmit_content") == "snapshot":
@@ -460,6 +461,7 @@ def packets_behind_one_another_are_each_served(session: Session) -> None:
         session.expect(not received.strip(NAK), "MSC-LNK-04", "NAK at most", received.hex(" "))
         driver.reading("rx_while_busy", "drop", "MSC-LNK-04")
     else:
+        driver.link.must_hear_while_it_talks()
         session.fail("MSC-LNK-04", ["NAK NAK", "NAK"], codec.explain(received) or "nothing")
     driver.link.alive("MSC-LNK-16")
 
@@ -488,6 +490,8 @@ def a_packet_right_behind_a_write_is_served(session: Session) -> None:
             )  # what is left of the second may look like a packet
         is_lost = received[:1] == ACK and not received[1:].strip(NAK)
         text = codec.explain(received) or "nothing"
+        if not (is_kept or is_lost):
+            driver.link.must_hear_while_it_talks()
         session.expect(is_kept or is_lost, "MSC-LNK-04", ["ACK ACK", "ACK, NAK at most"], text)
         driver.reading("rx_while_busy", "buffer" if is_kept else "drop", "MSC-LNK-04")
         wanted, seen = second if is_kept else first, driver.read(spot)
@@ -507,6 +511,8 @@ def a_packet_that_comes_during_a_repeat_is_served_after_it(session: Session) -> 
     session.target.send(NAK + driver.client.request(SECOND))
     again, strays = driver.client.receive_packet()
     is_again = again is not None and not strays and driver.link.is_same(again, first)
+    if not is_again:
+        driver.link.must_hear_while_it_talks()
     session.expect(is_again, "MSC-LNK-10", "the whole repeat", again or strays.hex(" "))
     sign = driver.client.receive(1)
     second, strays = driver.client.receive_packet()

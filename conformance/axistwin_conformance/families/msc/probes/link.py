@@ -368,7 +368,9 @@ def reply_unit(driver: MscDriver) -> Outcome:
 def timeout_before_unit_on_rs232(driver: MscDriver) -> Outcome:
     """A lone 02h on RS-232."""
     _only_on_rs232(driver)
-    return (0, 2) if lone_stx(driver) else 1
+    if lone_stx(driver):
+        return (0, 2)
+    return 1 if driver.link.hears_while_it_talks() else (0, 1)
 
 
 def _only_on_rs232(driver: MscDriver) -> None:

@@ -127,23 +127,22 @@ class PacketReceiver:
         self._timeout_ns = quirks.rx_timeout_ms * NS_PER_MS + skew_ns
         self._payload_max = quirks.rx_payload_max
         self._is_doubtful = quirks.mn100_codes
+        self._ends_packets = quirks.eof_framing == "packet"
         self._frame = _Frame(self._payload_max, is_doubtful=self._is_doubtful)
-        self._due = NEVER
+        self._last_whole = b""
+        self.due_ns = NEVER
+        """When the packet is given up."""
 
     def reset(self) -> None:
         """Forget what there is of a packet."""
         self._frame.open(0)
-        self._due = NEVER
-
-    def next_event(self) -> Nanos:
-        """When the packet is given up."""
-        return self._due
+        self.due_ns = NEVER
 
     def wake(self, now: Nanos) -> Request | None:
         """Give the packet up if it is time (rule 3); report what was for this board alone."""
-        if self._due > now:
+        if self.due_ns > now:
             return None
-        due, opening, payload = self._due, self._frame.opening, bytes(self._frame.payload)
+        due, opening, payload = self.due_ns, self._frame.opening, bytes(self._frame.payload)
         self.reset()
         if opening != ADDRESS_BIT | self._address():
             return None
@@ -152,7 +151,7 @@ class PacketReceiver:
     def receive(self, chunk: Chunk) -> list[Request]:
         """Take the bytes of ``chunk``; the packets for this board that are complete now."""
         if self._is_whole(chunk.data):
-            self._due = NEVER
+            self.due_ns = NEVER
             return self._taken_whole(chunk)
         requests = []
         frame, raw = self._frame, self._ends_raw()
@@ -166,14 +165,20 @@ class PacketReceiver:
                     requests.append(self._complete(chunk.arrival_ns(place), given))
                 frame.open(0)
         last_ns = chunk.arrival_ns(len(chunk.data) - 1)
-        self._due = last_ns + self._timeout_ns if frame.opening else NEVER
+        self.due_ns = last_ns + self._timeout_ns if frame.opening else NEVER
         return requests
 
     def _is_whole(self, data: bytes) -> bool:
         """Whether ``data`` is a packet and nothing else, whatever the readings."""
-        if self._frame.opening or self._is_doubtful or self._ends_raw():
+        if self._frame.opening or self._is_doubtful:
             return False
-        return _WHOLE.fullmatch(data) is not None
+        if not self._ends_packets and self._ends_raw():
+            return False
+        if data != self._last_whole:  # hosts ask the same again and again
+            if _WHOLE.fullmatch(data) is None:
+                return False
+            self._last_whole = data
+        return True
 
     def _taken_whole(self, chunk: Chunk) -> list[Request]:
         """The packet that ``chunk`` is, if it is for this board."""
@@ -189,7 +194,8 @@ class PacketReceiver:
         return [Request(at_ns, payload, flaw, opening == ADDRESS_BIT)]
 
     def _concerns(self, opening: int) -> bool:
-        return opening & ~ADDRESS_BIT in (EVERYBODY, self._address())
+        number = opening & ~ADDRESS_BIT
+        return number == EVERYBODY or number == self._address()
 
     def _complete(self, now: Nanos, given: int) -> Request:
         """The packet is complete, with ``given`` as its sum."""

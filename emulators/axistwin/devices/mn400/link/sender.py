@@ -46,21 +46,22 @@ class ReplySender:
     def __init__(self, send: SendMessage, *, is_ahead: bool) -> None:
         self._send_message = send
         self._is_ahead = is_ahead
-        self._parts: deque[tuple[Nanos, ReplyPart]] = deque()
+        self.parts: deque[tuple[Nanos, ReplyPart]] = deque()
+        """What is still to be sent, and when at the earliest."""
         self._free_ns: Nanos = 0
         self._not_before: Nanos = 0
         self.last: Message | None = None
 
     def reset(self, now: Nanos) -> None:
         """Drop what is to be sent, and forget what was sent."""
-        self._parts.clear()
+        self.parts.clear()
         self._free_ns = self._not_before = now
         self.last = None
 
     @property
     def is_silent(self) -> bool:
         """Whether nothing waits to be sent; the last bytes may still be on their way."""
-        return not self._parts
+        return not self.parts
 
     @property
     def free_ns(self) -> Nanos:
@@ -69,22 +70,23 @@ class ReplySender:
 
     def send(self, start_ns: Nanos, parts: list[ReplyPart]) -> None:
         """Send ``parts``, the first one at ``start_ns`` at the earliest."""
-        self._parts.extend((start_ns, part) for part in parts)
+        for part in parts:
+            self.parts.append((start_ns, part))
 
     def _start(self) -> Nanos:
         """When the next part may leave."""
-        earliest, part = self._parts[0]
+        earliest, part = self.parts[0]
         return max(earliest, self._free_ns + part.wait_ns)
 
     def next_event(self) -> Nanos:
         """When the next part is to be made."""
-        return max(self._start(), self._not_before) if self._parts else NEVER
+        return max(self._start(), self._not_before) if self.parts else NEVER
 
     def run(self, now: Nanos) -> None:
         """Send what can be sent at ``now``."""
         has_sent = False
-        while self._parts:
-            start_ns, (_, part) = self._start(), self._parts[0]
+        while self.parts:
+            start_ns, (_, part) = self._start(), self.parts[0]
             message: Message | None
             if isinstance(part.message, Message):
                 if start_ns > now and not self._is_ahead:
@@ -97,7 +99,7 @@ class ReplySender:
                 return
             else:
                 message = part.message(start_ns)
-            self._parts.popleft()
+            self.parts.popleft()
             self._free_ns = start_ns
             left_ns = None if message is None else self._send_message(start_ns, message)
             if left_ns is not None:

@@ -15,8 +15,9 @@ Rules
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from math import atan2, tau
 from typing import NamedTuple
 
@@ -71,94 +72,106 @@ class ArcPath:
     """x goes with the swept angle, not with the ticks of the circle."""
     is_commanded: bool = True
 
-    @property
+    @cached_property
     def ticks(self) -> int:
         """Ticks of the circle and the tail."""
         return self.turn.ticks + self.tail.ticks
 
     def total(self, axis: int) -> int:
         """All steps of ``axis``."""
-        if self._is_traverse(axis):
+        if axis == self._traverse_axis:
             return abs(self.traverse)
-        if (shift := self._shift(axis)) is None:
+        if (shift := self._shifts[axis]) is None:
             return 0
-        return self._on_circle(shift) + self.tail.total(_tail_axis(shift))
+        return self._on_circle[shift][1] + self.tail.total(_tail_axis(shift))
 
     def place(self, axis: int, n: int) -> int:
         """x of the ``n``-th step."""
-        if self._is_traverse(axis):
+        if axis == self._traverse_axis:
             return self._place_of_traverse(n)
-        shift = self._shift(axis)
+        shift = self._shifts[axis]
         assert shift is not None, "a step of an axis outside the plane"
         circle, first, ticks, _ = self.turn
-        before = circle.steps_until(first + shift)
-        if n <= (on_circle := self._on_circle(shift)):
+        before, on_circle, _ = self._on_circle[shift]
+        if n <= on_circle:
             return self._place_of_tick(circle.tick_of(before + n) - first - shift)
         tail_tick = self.tail.place(_tail_axis(shift), n - on_circle) >> FINE
         return self._place_of_tick(ticks + tail_tick)
 
     def taken(self, axis: int, x: int) -> int:
         """Steps up to and including ``x``."""
-        if self._is_traverse(axis):
+        if axis == self._traverse_axis:
             return self._traversed(x) if self.traverse else 0
-        if (shift := self._shift(axis)) is None:
+        if (shift := self._shifts[axis]) is None:
             return 0
         tick = self._tick_at(x)
         circle, first, ticks, _ = self.turn
-        on_circle = circle.steps_until(first + shift + min(tick, ticks))
-        on_tail = self.tail.taken(_tail_axis(shift), (tick - ticks) << FINE) if tick > ticks else 0
-        return on_circle - circle.steps_until(first + shift) + on_tail
+        before, on_circle, _ = self._on_circle[shift]
+        if tick <= ticks:
+            return circle.steps_until(first + shift + tick) - before
+        return on_circle + self.tail.taken(_tail_axis(shift), (tick - ticks) << FINE)
 
     def displacement(self, axis: int, n: int) -> int:
         """Where ``axis`` is after ``n`` steps."""
-        if self._is_traverse(axis):
+        if axis == self._traverse_axis:
             return n if self.traverse > 0 else -n
-        if (shift := self._shift(axis)) is None:
+        if (shift := self._shifts[axis]) is None:
             return 0
-        circle, first, _, _ = self.turn
-        start = first + shift
-        on_circle = min(n, self._on_circle(shift))
-        tick = circle.tick_of(circle.steps_until(start) + on_circle) if on_circle else start
+        circle = self.turn.circle
+        before, most, start = self._on_circle[shift]
+        on_circle = min(n, most)
+        here = circle.across(circle.tick_of(before + on_circle)) if on_circle else start
         on_tail = self.tail.displacement(_tail_axis(shift), n - on_circle)
-        return self._mirror(shift) * (circle.across(tick) - circle.across(start) + on_tail)
+        return self._mirror(shift) * (here - start + on_tail)
 
     def heading(self, axis: int, n: int) -> int:
         """Direction of the ``n``-th step."""
-        if self._is_traverse(axis):
+        if axis == self._traverse_axis:
             return 1 if self.traverse > 0 else -1
-        shift = self._shift(axis)
+        shift = self._shifts[axis]
         assert shift is not None, "a step of an axis outside the plane"
-        circle, first, _, _ = self.turn
-        if n > self._on_circle(shift):
+        before, on_circle, _ = self._on_circle[shift]
+        if n > on_circle:
             return self._mirror(shift) * self.tail.heading(_tail_axis(shift), 1)
-        return self._mirror(shift) * circle.heading(circle.steps_until(first + shift) + n)
+        return self._mirror(shift) * self.turn.circle.heading(before + n)
 
     def last_alike(self, axis: int, n: int) -> int:
         """The last step from the ``n``-th on before the axis turns round, or the tail begins."""
-        shift = self._shift(axis)
-        if shift is None or n > (on_circle := self._on_circle(shift)):
+        shift = self._shifts[axis]
+        if shift is None:
             return self.total(axis)
-        circle, first, _, _ = self.turn
-        before = circle.steps_until(first + shift)
-        return min(on_circle, circle.last_alike(before + n) - before)
+        before, on_circle, _ = self._on_circle[shift]
+        if n > on_circle:
+            return self.total(axis)
+        return min(on_circle, self.turn.circle.last_alike(before + n) - before)
 
-    def _is_traverse(self, axis: int) -> bool:
+    @cached_property
+    def _shifts(self) -> tuple[int | None, ...]:
+        """How far ahead of x's, along the circle, each axis' place is; None: not in the plane."""
+        place = {self.plane.y: self.turn.circle.quarter, self.plane.x: 0}
+        return tuple(map(place.get, AXES))
+
+    @cached_property
+    def _traverse_axis(self) -> int | None:
         """P1,2 is legal while the traverse motor is still 2: then it has no traverse."""
-        return axis == self.plane.z and self._shift(axis) is None
-
-    def _shift(self, axis: int) -> int | None:
-        """How far ahead of x's, along the circle, the axis' place is; None: not in the plane."""
-        if axis == self.plane.x:
-            return 0
-        return self.turn.circle.quarter if axis == self.plane.y else None
+        return self.plane.z if self._shifts[self.plane.z] is None else None
 
     def _mirror(self, shift: int) -> int:
         return 1 if shift or self.is_clockwise else -1
 
-    def _on_circle(self, shift: int) -> int:
-        """Steps before the tail."""
+    @cached_property
+    def _on_circle(self) -> Mapping[int, tuple[int, int, int]]:
+        """By shift: steps from the top to the start, from there to the tail; where the start is."""
         circle, first, ticks, _ = self.turn
-        return circle.steps_until(first + shift + ticks) - circle.steps_until(first + shift)
+        before = {shift: circle.steps_until(first + shift) for shift in (0, circle.quarter)}
+        return {
+            shift: (
+                steps,
+                circle.steps_until(first + shift + ticks) - steps,
+                circle.across(first + shift),
+            )
+            for shift, steps in before.items()
+        }
 
     def _place_of_tick(self, tick: int) -> int:
         """x at the end of ``tick`` [0..ticks]."""
@@ -183,12 +196,10 @@ class ArcPath:
 
     def _traversed(self, x: int) -> int:
         """Steps of the traverse motor up to ``x``."""
-        circle, first, _, sweep = self.turn
+        circle, _, _, sweep = self.turn
         share = min(max(x, 0) / self.length, 1.0)
         if sweep and not self.is_by_angle:
-            first %= circle.quarter
-            start = circle.smooth_angle(first)
-            whole = circle.smooth_tick(start + sweep) - first
+            first, start, whole = self._smooth
             share = (circle.smooth_angle(first + whole * share) - start) / sweep
         n, last = int(abs(self.traverse) * share + 0.5), abs(self.traverse)
         while n < last and self._place_of_traverse(n + 1) <= x:
@@ -199,14 +210,20 @@ class ArcPath:
 
     def _place_of_traverse(self, n: int) -> int:
         """x of the ``n``-th step of the traverse motor."""
-        circle, first, _, sweep = self.turn
+        circle, _, _, sweep = self.turn
         share = (2 * n - 1) / (2 * abs(self.traverse))
         if sweep and not self.is_by_angle:
-            first %= circle.quarter
-            start = circle.smooth_angle(first)
-            whole = circle.smooth_tick(start + sweep) - first
+            first, start, whole = self._smooth
             share = (circle.smooth_tick(start + sweep * share) - first) / whole
         return min(self.length, int(self.length * share))
+
+    @cached_property
+    def _smooth(self) -> tuple[int, float, float]:
+        """Tick of the start in its quarter, its angle, and the ticks of the whole angle."""
+        circle, first, _, sweep = self.turn
+        first %= circle.quarter
+        start = circle.smooth_angle(first)
+        return first, start, circle.smooth_tick(start + sweep) - first
 
 
 def arc_is_round(rules: MotionRules, center: Point, destination: Point) -> bool:

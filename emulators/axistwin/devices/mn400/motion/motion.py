@@ -248,12 +248,18 @@ class VectorMotion:
         """
         chain = self.chain
         x = self._x_at(now_ns) if x is None else x
-        made = chain.taken(axis, self.known_from)
-        n = max(made, chain.taken(axis, x + NANOSECOND))
+        made = self._known[axis]
+        is_done = made == chain.total(axis)
+        n = made if is_done else max(made, chain.taken(axis, x + NANOSECOND))
         if n > made and chain.taken(axis, x - NANOSECOND) < n:
             n = self._taken_near(axis, now_ns, max(made, chain.taken(axis, x)), made)
         last = self.halted_at[axis]
         return n if last is None else min(n, last)
+
+    @cached_property
+    def _known(self) -> Quad:
+        """How many steps were made before ``since_ns``."""
+        return _quad(lambda axis: self.chain.taken(axis, self.known_from))
 
     def _taken_near(self, axis: int, now_ns: Nanos, n: int, made: int) -> int:
         """How many of about ``n`` steps, of which ``made`` are known, have been made."""

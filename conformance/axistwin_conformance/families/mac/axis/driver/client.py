@@ -202,18 +202,28 @@ class AxisClient(ABC):
     ) -> AxisExchange:
         """Send again until noise is not the reason for the reply; only what may be sent twice.
 
-        What was Nacked was not obeyed (MACS-REPLY-04), and may be sent again whatever it is.
+        What was Nacked was not obeyed (MACS-REPLY-04), and may be sent again whatever it is.  What
+        may not be sent twice is asked for again later in the run: the same bad reply each time is
+        the device's own as well.
         """
+        quality = self.session.run.quality
+        earlier = quality.unrepeated.setdefault(index, [])
         bad: list[bytes] = []
         since_ns: int | None = None  # the first sending that may have been obeyed
         for _ in range(RETRY.exchange):
             is_good = self._is_good(index, exchange.reply, may_be_silent=timeout_s is not None)
+            if is_good:
+                earlier.clear()
             if self.session.is_believed(bad, exchange.reply.raw, is_good=is_good):
                 break
             words = f"{self.explained(exchange.request)}: {exchange.reply}"
             if exchange.kind is not ReplyKind.NACK:
                 if index not in self.face.repeatable:
-                    if self.session.check is not None:
+                    earlier.append(exchange.reply.raw)
+                    self.session.is_reproduced = quality.is_reproduced(earlier)
+                    if self.session.is_reproduced:
+                        quality.note_wrong()
+                    elif self.session.check is not None:
                         self.session.void_attempt(words)
                     break
                 since_ns = exchange.taken.earliest_ns if since_ns is None else since_ns
