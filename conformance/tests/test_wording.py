@@ -57,7 +57,7 @@ def test_a_stored_value_does_not_lead_to_a_refusal() -> None:
     """It may lead to an answer."""
     records = [host(0, 0x13, 9), host(5, 0x0F, 5), host(6, 0x02)]
     told = sentence(records, in_words, ("a refusal",), "accepted")
-    assert told.startswith("After 13h (go to position 9), 02h (torque at rest 0): accepted; ")
+    assert told.startswith("6 ms after 13h (go to position 9), 02h (torque at rest 0): accepted; ")
     told = sentence([*records, host(9, 0x26)], in_words, ("5",), "6")
     assert told.startswith("After 02h (torque at rest 0), 26h (ramp, torque, modes, tolerance): 6")
 
@@ -83,7 +83,8 @@ def test_a_check_names_the_request_that_it_judged() -> None:
     seen = Observation("{request} was accepted", request=judged.data, is_whole=False)
     told = telling(records, in_words, ("a refusal",), seen)
     assert told.sentence == (
-        "After 13h (go to position 9), 02h (torque at rest 0) was accepted; expected a refusal."
+        "2 ms after 13h (go to position 9), 02h (torque at rest 0) was accepted; expected a"
+        " refusal."
     )
     assert told.decisive == (1, 2, 3)
     assert told.by_hand == (1, 2)

@@ -25,7 +25,6 @@ from axistwin_conformance.families.mac.axis.model.acceptance import (
 )
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
-from axistwin_conformance.families.mac.axis.words import pace_words
 
 ORDER = 110  # of this module in a run; see `Family.modules`
 
@@ -144,21 +143,14 @@ def _shown_by(session: Session, index: int) -> tuple[str, ...]:
     )
 
 
-def _speed(driver: AxisDriver, state: str) -> str:
-    """At which speed a move that the settings decide is under way, in words."""
-    if state != "PO":
-        return ""
-    speed = pace_words(driver.client.named(0x0D), driver.motion.period)
-    ramp = f"{driver.client.named(0x0F)} = {driver.motion.coefficient}"
-    return f" at {speed} with {ramp}{'' if driver.motion.coefficient else ' (no ramp)'}"
-
-
 def _judge(
     driver: AxisDriver, row: AcceptanceRow, state: str, index: int, exchange: AxisExchange
 ) -> None:
     kind, words = exchange.kind, STATE_WORDS[state]
     seen = driver.client.observed(exchange)
-    seen = replace(seen, clause=f"{seen.clause} {words}{_speed(driver, state)}")
+    if state == "PO":
+        words = f"{words} {driver.motion.settings_words()}"
+    seen = replace(seen, clause=f"{seen.clause} {words}")
     shown = _shown_by(driver.session, index)
     wanted = outcome_of(row.cell(state))
     if index >= 0x20 and wanted is ReplyKind.ACCEPTED:

@@ -158,9 +158,9 @@ def _overrun_seen(
     wanted = f"{due[0] - 50}..{due[1] - 50} increments beyond it"
     if before:
         clause += (
-            f", but earlier in this run {due[1] - 50} beyond the superior one (09h), 50 ahead of"
-            " the start as this one and without a ramp as well, at two speeds alike (read until"
-            " the place no longer changed)"
+            f", but earlier in this run {due[1] - 50} beyond the superior one (09h), also set 50"
+            " ahead of the start and passed without a ramp, at two speeds alike (read until the"
+            " place no longer changed)"
         )
         wanted = "the same distance on both sides"
     return Observation(

@@ -51,7 +51,11 @@ CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtu
 
 PLOT_POINTS: Final = 12  # of the predicted band, at most, from one reading to the next
 PLOT_SPACING_NS: Final = 5_000_000
-COURSES: Final = {"PO": "move", "VE": "endless motion", "IN": "interpolated motion"}
+COURSES: Final = {
+    "PO": "move",
+    "VE": "endless motion",
+    "IN": "interpolated motion (a step is an increment)",
+}
 FARTHEST_RUN_ON: Final = 0xFFFF  # increments: the largest number there is (MACS-AMB-76)
 MOTION_NAMES: Final = {"PO": "move", "VE": "endless motion", "IN": "segments", "HD": "halt"}
 
@@ -428,10 +432,14 @@ class AxisMotion:
         way = f"{when} the {COURSES.get(first.mode, 'motion')} from position {first.origin}"
         if forecast.timelines[0].mode not in ("PO", "VE"):
             return way
+        return f"{way} {self.settings_words()}"
+
+    def settings_words(self) -> str:
+        """The speed and the ramp of a move, in words."""
         unit = counted(ramp_increments(1), "increment")
         ramp = f"{unit} of ramp for each unit" if self.coefficient else "no ramp"
         return (
-            f"{way} at {pace_words(self._client.named(0x0D), self.period)}"
+            f"at {pace_words(self._client.named(0x0D), self.period)}"
             f" and {self._client.named(0x0F)} = {self.coefficient} ({ramp})"
         )
 
