@@ -10,7 +10,9 @@ from typing import Any, Final, NamedTuple
 
 from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.wording import RIG
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.report.failures import Statement
+from axistwin_conformance.transport.rig import act_done
 
 WORTH_A_WAIT_NS: Final = 2_000_000  # less passes between two requests anyway
 LONG_NS: Final = 900_000_000  # what comes later than that, 'axistwin send' does not wait for
@@ -19,7 +21,10 @@ HAND_MS: Final = 20_000  # within which somebody has done what is to be done to 
 WAIT: Final = "wait "
 LONGEST_NS: Final = 2_500_000_000  # between an earlier exchange and this one nothing counts
 
+CONTROL: Final = "127.0.0.1:8080"  # where 'axistwin ctl' looks for a daemon
+
 _BUILT_IN: Final = re.compile(r"built-in twin \((.*)\)")
+_PROGRAM: Final = re.compile(r"[?&]program=([^&]+)")
 
 
 class Part(Enum):
@@ -49,14 +54,18 @@ def instructions(run: Mapping[str, Any], one: Statement) -> Iterator[Instruction
         return
     steps = [*(each["data"] or each["text"] for each in one.before), *steps]
     place = built_in(run)
+    if place and _is_judged_alone(run["model"], one.check):
+        place = place.replace(",".join(_twins(place)), _twins(place)[0], 1)
+        run = {**run, "target": place}
     longest_s = timeout_s(one.transcript, one.by_hand)
-    is_worked = any(step.startswith(RIG) for step in steps)
+    is_worked = any(map(_is_act, steps))
     if is_worked:
-        twin = f" (first start a twin: axistwin run {run['model']}; axistwin ctl works it)"
-        yield Instruction(Part.WORDS, f"{one.no_hand}{twin if place else ''}:")
+        yield Instruction(Part.WORDS, f"{one.no_hand}:")
         if place:  # the URL would open another twin for each of these lines
-            place = f"./{run['model']}"
-            run = {**run, "target": place}
+            yield Instruction(Part.WORDS, "to see it on a twin, in another terminal:")
+            yield Instruction(Part.COMMAND, _start_of_twin(place))
+            run = {**run, "target": f"./{run['model']}", "twin": _twins(place)[0]}
+            place = run["target"]
     parts = [(is_act, [*some]) for is_act, some in groupby(steps, _is_act)]
     if is_worked and not parts[-1][0] and all(step.startswith(WAIT) for step in parts[-1][1]):
         yield from _worked_while_listening(run, parts, longest_s)
@@ -69,7 +78,8 @@ def instructions(run: Mapping[str, Any], one: Statement) -> Iterator[Instruction
         words = last["decoded"] or last["text"].removeprefix(RIG)
         yield Instruction(Part.REMARK, f"the last step is the one that failed: {words}")
     if place:
-        yield Instruction(Part.PORT, f"for a device, put its port in the place of {place}")
+        twin = "; 'axistwin run' and 'ctl' are for a twin" if is_worked else ""
+        yield Instruction(Part.PORT, f"for a device, put its port in the place of {place}{twin}")
 
 
 def _in_turn(
@@ -78,10 +88,37 @@ def _in_turn(
     """What to do to the device and what to send it, one after the other."""
     for is_act, steps in parts:
         if is_act:
-            acts = "; ".join(step.removeprefix(RIG) for step in steps)
-            yield Instruction(Part.ACT, acts.replace(" was ", " is ").replace("began", "begins"))
+            yield from (one for step in steps for one in _acts(run, step.removeprefix(RIG)))
         else:
             yield Instruction(Part.COMMAND, send_command(run, *steps, timeout_s=timeout_s))
+
+
+def _acts(run: Mapping[str, Any], clause: str) -> Iterator[Instruction]:
+    """What to do so that this is done: in words, and the command that does it to a twin."""
+    act = act_done(find_family(run["model"]).rig_controls, clause)
+    yield Instruction(Part.ACT, clause if act is None else act.order)
+    if act is not None and act.value is not None and "twin" in run:
+        name, value = act.of_twin()
+        shown = [] if value is None else [act.words[2] if value is act.value else str(value)]
+        yield Instruction(Part.COMMAND, shlex.join(["axistwin", "ctl", run["twin"], name, *shown]))
+
+
+def _is_judged_alone(model: str, name: str) -> bool:
+    """True if the built-in twin has no neighbour in that check."""
+    checks = find_family(model).checks()
+    return any(check.name == name and "alone" in check.needs for check in checks)
+
+
+def _twins(url: str) -> list[str]:
+    """The devices of a built-in twin, as 'axistwin run' and 'axistwin ctl' call them."""
+    return url.partition(":")[2].partition("?")[0].strip("/").split(",")
+
+
+def _start_of_twin(url: str) -> str:
+    """The command that serves those twins, so that they can be worked."""
+    program = _PROGRAM.search(url)
+    more = ["--program", program[1]] if program else []
+    return shlex.join(["axistwin", "run", *_twins(url), *more, "--control", CONTROL])
 
 
 def _worked_while_listening(
@@ -92,7 +129,9 @@ def _worked_while_listening(
     *before, act, (_, waits) = parts
     yield from _in_turn(run, before, timeout_s)
     listened_ms = sum(float(one.split()[1]) for one in waits) + HAND_MS
-    yield Instruction(Part.WORDS, f"start this first; while it listens ({HAND_MS / 1000:.0f} s):")
+    yield Instruction(
+        Part.WORDS, f"start this first, and go on while it listens ({HAND_MS / 1000:.0f} s):"
+    )
     yield Instruction(Part.COMMAND, send_command(run, f"{WAIT}{listened_ms:.15g} ms"))
     yield from _in_turn(run, [act], timeout_s)
 
@@ -143,18 +182,25 @@ def again(records: Sequence[Mapping[str, Any]], numbers: Sequence[int]) -> list[
     is_request = False
     for before, number in pairwise((numbers[0] - 1, *numbers) if numbers else ()):
         record = records[number]
+        is_request, was_request = bool(record["data"]), is_request
         wait_ns = record["time_ns"] - free_ns
         if any(one["direction"] == Direction.NOTE.value for one in records[before + 1 : number]):
             wait_ns = min(wait_ns, LONGEST_NS)
-        is_request, was_request = bool(record["data"]), is_request
-        if wait_ns > WORTH_A_WAIT_NS and is_request and was_request:
+        # Whoever works a device takes time; but it may be long until it is there again.
+        if is_request and wait_ns > (WORTH_A_WAIT_NS if was_request else LONG_NS):
             steps.append(f"{WAIT}{round(wait_ns / 1e6, 1):.15g} ms")
         steps.append(record["data"] or record["text"])
-        free_ns = _answered_ns(records, number)
-    if numbers and (rest_ns := free_ns - records[numbers[-1]]["time_ns"]) > LONG_NS:
+        free_ns = _answered_ns(records, number) if is_request else record["time_ns"]
+    if numbers and (rest_ns := _rest_ns(records, numbers[-1])) > LONG_NS:
         rest_ms = math.ceil((rest_ns + MARGIN_NS) / 1e8) * 100
         steps.append(f"{WAIT}{rest_ms} ms")  # a message that was not asked for
     return steps
+
+
+def _rest_ns(records: Sequence[Mapping[str, Any]], number: int) -> int:
+    """How long after a request, or after something was done, the last came that came of it."""
+    began_ns: int = records[number]["time_ns"]
+    return _answered_ns(records, number) - began_ns
 
 
 def _answered_ns(records: Sequence[Mapping[str, Any]], number: int) -> int:

@@ -43,7 +43,7 @@ class Statement:
     """One thing that was seen: in a sentence, and what there is to add to it.
 
     `requirements`: what it breaks, or leaves open, the one that decides first.  `transcript`: the
-    exchange that led there; the others but `requirements`: see `Finding`.
+    exchange that led there; `check`: by name; the others but `requirements`: see `Finding`.
     """
 
     verdict: str
@@ -55,6 +55,7 @@ class Statement:
     no_hand: str = ""
     before: Sequence[Mapping[str, Any]] = ()
     rule: str = ""
+    check: str = ""
     requirements: list[str] = field(default_factory=list)
 
     @property
@@ -166,7 +167,7 @@ def statements(check: Mapping[str, Any]) -> list[Statement]:
         new = Statement(
             verdict, sentence, remark, finding["transcript"], finding.get("decisive", ()),
             finding.get("by_hand", ()), finding.get("no_hand", ""), finding.get("before", ()),
-            finding.get("rule", ""),
+            finding.get("rule", ""), check["name"],
         )  # fmt: skip
         found.setdefault((verdict, sentence), new).requirements.append(finding["requirement"])
     return sorted(found.values(), key=lambda one: SHOWN.index(one.verdict))
