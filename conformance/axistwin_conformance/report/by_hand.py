@@ -9,8 +9,9 @@ from itertools import groupby, pairwise
 from typing import Any, Final, NamedTuple
 
 from axistwin_conformance.base.transcript import Direction
+from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.wording import RIG
-from axistwin_conformance.families.catalog import find_family
+from axistwin_conformance.families.catalog import families
 from axistwin_conformance.report.failures import Statement
 from axistwin_conformance.transport.rig import act_done
 
@@ -95,7 +96,8 @@ def _in_turn(
 
 def _acts(run: Mapping[str, Any], clause: str) -> Iterator[Instruction]:
     """What to do so that this is done: in words, and the command that does it to a twin."""
-    act = act_done(find_family(run["model"]).rig_controls, clause)
+    family = _family(run["model"])
+    act = act_done(family.rig_controls, clause) if family else None
     yield Instruction(Part.ACT, clause if act is None else act.order)
     if act is not None and act.value is not None and "twin" in run:
         name, value = act.of_twin()
@@ -103,9 +105,15 @@ def _acts(run: Mapping[str, Any], clause: str) -> Iterator[Instruction]:
         yield Instruction(Part.COMMAND, shlex.join(["axistwin", "ctl", run["twin"], name, *shown]))
 
 
+def _family(model: str) -> Family | None:
+    """None: the report is of a suite that knows more models."""
+    return next((family for family in families() if model in family.models), None)
+
+
 def _is_judged_alone(model: str, name: str) -> bool:
     """True if the built-in twin has no neighbour in that check."""
-    checks = find_family(model).checks()
+    family = _family(model)
+    checks = family.checks() if family else ()
     return any(check.name == name and "alone" in check.needs for check in checks)
 
 
