@@ -28,7 +28,7 @@ from zoo_mn400.planting import (
 
 def _byte_by_byte(patch: MonkeyPatch) -> None:
     """Let no packet be taken at once, so that the faults of its bytes show."""
-    patch.setattr(PacketReceiver, "_is_whole", lambda receiver, data: False)
+    patch.setattr(PacketReceiver, "_whole", lambda receiver, data: None)
 
 
 def _sums(patch: MonkeyPatch, is_right: Any_) -> None:
