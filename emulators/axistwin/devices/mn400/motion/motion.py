@@ -251,7 +251,7 @@ class VectorMotion:
         made = self._known[axis]
         is_done = made == chain.total(axis)
         n = made if is_done else max(made, chain.taken(axis, x + NANOSECOND))
-        if n > made and chain.taken(axis, x - NANOSECOND) < n:
+        if n > made and chain.place(axis, n) > x - NANOSECOND:
             n = self._taken_near(axis, now_ns, max(made, chain.taken(axis, x)), made)
         last = self.halted_at[axis]
         return n if last is None else min(n, last)
