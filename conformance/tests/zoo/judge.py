@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import cache
 from types import FrameType
 from typing import Any
@@ -75,7 +76,7 @@ def checks_of(requirement: str, model: str = "mac23") -> tuple[Check, ...]:
 def run(check: str, model: str = "mac23", address: int | None = None) -> Result:
     """Judge the built-in twin, as this process has it now, by one check."""
     options = make_options(model=model, ids=(check,), address=address)
-    return Engine(options).run(lambda event: None)
+    return Engine(replace(options, shrinks=False)).run(lambda event: None)
 
 
 def failed(result: Result) -> frozenset[str]:
@@ -120,7 +121,7 @@ def _together(mutant: Mutant, checks: Sequence[Check], claims: frozenset[str]) -
         **small_scratch(mutant.model),
     )
     with suppress(Overrun, Settled), limited(LIMIT_S):
-        Engine(options).run(hear)
+        Engine(replace(options, shrinks=False)).run(hear)
     return found
 
 
