@@ -237,7 +237,7 @@ def test_a_tap_passes_on_between_two_interfaces(tmp_path: Path) -> None:
             converse(bus)
     for path, ways in (("heard.log", ("", "")), ("passed.log", (" T", " R"))):
         rows = (tmp_path / path).read_text("utf-8").splitlines()
-        assert [row.partition(" ")[2] for row in rows] == [
+        assert [row.partition(" ")[2] for row in rows if " 081#" not in row] == [  # a lifebeat
             f"vcan1 601#4000200000000000{ways[0]}",
             f"vcan1 581#4200200000000000{ways[1]}",
         ]
