@@ -38,7 +38,7 @@ _OWN_OPTIONS: Final[Mapping[str, tuple[str, ...]]] = {
     "a serial line": ("pty", "rfc2217", "baud", "parity"),
     "a CAN bus": ("can", "slcan", "slcan_tcp", "socketcand", "bitrate"),
 }
-_ON_BUS: Final = re.compile(r"[a-z]\w*:(?!//).+", re.DOTALL)
+_ON_BUS: Final = re.compile(r"[a-z]\w*:(?!//).*", re.DOTALL)
 """INTERFACE:CHANNEL; what begins otherwise is a path, or a URL of pyserial."""
 
 
@@ -137,7 +137,7 @@ def _tap_line(
             if rfc2217 is not None:
                 program = ProgramPort(rfc2217)
             else:
-                program = ProgramPty(pty or DEFAULT_LINK, port.baudrate)
+                program = ProgramPty(DEFAULT_LINK if pty is None else pty, port.baudrate)
             line = LineTap(port, program, file, loop, tell)
 
             def be_ready() -> None:
