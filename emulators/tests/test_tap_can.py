@@ -14,6 +14,7 @@ import pytest
 import serial
 from daemon_process import Daemon, assert_one_clear_line, daemon, invoke
 from kill_rounds import GONE
+from served import eventually
 
 pytestmark = pytest.mark.system
 
@@ -102,11 +103,11 @@ def test_who_only_listens_disturbs_nobody_and_replay_tells_who_spoke(folder: Pat
         tapped(folder, DEVICES.replace("mac23-can", "second"), "capture.log") as tap,
     ):
         speak("./mac23-can")
+        assert eventually(lambda: len(rows()) == 8)
         assert tap.end()[0] == 0
         assert twin.end()[0] == 0
     heard = rows()
     assert heard[:2] == ["601#4000200000000000", "581#4200200000000000"]
-    assert len(heard) == 8
     assert says_the_same("capture.log")
     text = Path("capture.log").read_text("utf-8")
     Path("candump.log").write_text(text.replace("\n", " T\n"), "utf-8")
@@ -122,8 +123,8 @@ def test_frames_pass_while_no_program_is_there(folder: Path) -> None:
         tapped(folder, DEVICES, "capture.log", "--slcan", "./tap") as tap,
     ):
         assert "position = 300 (module 1)" in speak("./second")
+        assert eventually(lambda: len(rows()) == 8)
         assert tap.end()[0] == 0
-    assert len(rows()) == 8
     assert {row[-1] for row in rows()} == {"R"}
 
 
