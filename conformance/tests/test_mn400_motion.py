@@ -143,6 +143,10 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_threading_move_follows_its_pulses": (
         hears(("T100,-53,0,7,400,10", "T100,-53,0,7,380,10")), "MN4-THR-02",
     ),
+    "a_thread_keeps_step_with_its_spindle": (
+        hears(("T100,-53,0,7,1000,0", "T100,-53,0,7,1050,0")), "MN4-THR-01"),
+    "a_thread_waits_for_a_spindle_that_stands": (
+        hears(("T100,-53,0,7,2000", "T100,-53,0,7,1500")), "MN4-THR-01"),
     "threading_knows_no_speed": (hears(("Q", "|")), "MN4-CMD-T-03"),
     "threading_waits_and_bounds_its_steps": (hears(("T100,0,0,0,200", "M100")), "MN4-CMD-T-03"),
     "at_a_negative_speed_pulses_pace_every_move": (hears(("V-1", "V500")), "MN4-CMD-V-02"),
