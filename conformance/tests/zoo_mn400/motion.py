@@ -17,12 +17,14 @@ from axistwin.devices.mn400.motion import (
     arc_is_round,
     straight,
 )
+from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from zoo_mn400.planting import (
     MS,
     Any_,
     MonkeyPatch,
+    S,
     around,
     begins_with,
     board_mutant,
@@ -539,6 +541,18 @@ def a_thread_begins_half_a_turn_too_early(patch: MonkeyPatch) -> None:
         return index and index - train.pulses_per_turn // 2
 
     around(patch, PulseTrain, "index_after", act)
+
+
+@board_mutant("MN4-CMD-T-01")
+def a_thread_whose_spindle_stood_is_over_late(patch: MonkeyPatch) -> None:
+    """A second behind its last pulse, with its steps made: what follows waits."""
+    ends: Any_ = PulsedPace.__dict__["end_ns"].fget
+
+    def late(pace: PulsedPace) -> int | None:
+        end_ns = ends(pace)
+        return end_ns and end_ns + S * bool(pace.used and pace.train)
+
+    patch.setattr(PulsedPace, "end_ns", property(late))
 
 
 @board_mutant("MN4-SYN-01", "MN4-CMD-V-02")

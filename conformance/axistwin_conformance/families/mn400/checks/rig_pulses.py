@@ -106,7 +106,8 @@ def a_thread_keeps_step_with_its_spindle(session: Session) -> None:
 
 @check("MN4-THR-01", "MN4-THR-04", "MN4-CMD-T-01", safety=RIG_MOTION, needs=SPINDLE)
 def a_thread_waits_for_a_spindle_that_stands(session: Session) -> None:
-    """Where it was when that stopped; it goes on with the next pulse, at any rate, to its end."""
+    """Where it was when that stopped; it goes on with the next pulse, at any rate, to its end, and
+    a move behind it begins at once."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(200, "these moves")
     rate, pulses = 1000, 2000
@@ -114,14 +115,16 @@ def a_thread_waits_for_a_spindle_that_stands(session: Session) -> None:
     motion.ready()
     spindle = _turned(motion, rate)
     motion.driver.draws(f"T{','.join(map(str, BY))},{pulses}", DONE, "MN4-CMD-T-01")
-    while motion.read()[0][0] < BY[0] // 4:
+    while motion.read()[0][0] < BY[0] // 2:
         over = spindle.pulses(motion.now)[0] > TURN + pulses
         session.expect(not over, "MN4-THR-01", "a thread under way", "none", f"at {rate} Hz")
         motion.target.wait(LOOK_S)
     session.rig.work("spindle", 0)
     counters = motion.stays("MN4-THR-04")
     low, high = pulses_of(counters[0], BY[0], pulses)
-    _judge_pace(motion, _turned(motion, 4 * rate), (-high, -low), pulses)
+    end = _judge_pace(motion, _turned(motion, 4 * rate), (-high, -low), pulses)
+    motion.model.observe(end)
+    motion.run("M50", "MN4-CMD-T-01")
 
 
 def _turned(motion: BoardMotion, rate: int) -> Spindle:
@@ -133,11 +136,11 @@ def _turned(motion: BoardMotion, rate: int) -> Spindle:
 
 def _judge_pace(
     motion: BoardMotion, spindle: Spindle, before: tuple[int, int], pulses: int
-) -> None:
-    """Judge the counters until a threading move of so many pulses must be over; `before`: how many
-    pulses of the spindle come before its first, at least and at most."""
+) -> tuple[int, ...]:
+    """Judge the counters until a threading move of so many pulses must be over, and give the last;
+    `before`: how many pulses of the spindle come before its first, at least and at most."""
     lag = 0 if motion.target.is_virtual else LAG_S
-    done = (0, 0)
+    done, counters = (0, 0), tuple[int, ...]()
     while done[0] < pulses:
         motion.target.wait(LOOK_S)
         counters, (first, last) = motion.read()
@@ -147,6 +150,7 @@ def _judge_pace(
         name = "MN4-THR-03" if done[1] <= 0 else "MN4-THR-01"
         when = f"after {done[0]} to {done[1]} of {pulses} pulses"
         motion.session.expect(inside(counters, place), name, told(place), counters, when)
+    return counters
 
 
 @check("MN4-THR-06", "MN4-CMD-T-03", safety=RIG_MOTION, needs=PULSES)
