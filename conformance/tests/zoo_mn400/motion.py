@@ -549,7 +549,7 @@ def a_thread_whose_spindle_stood_is_over_late(patch: MonkeyPatch) -> None:
     ends: Any_ = PulsedPace.__dict__["end_ns"].fget
 
     def late(pace: PulsedPace) -> int | None:
-        end_ns = ends(pace)
+        end_ns: int | None = ends(pace)
         return end_ns and end_ns + S * bool(pace.used and pace.train)
 
     patch.setattr(PulsedPace, "end_ns", property(late))
