@@ -2,9 +2,10 @@
 
 What is said are the random sequences of the suite's soak, each held against the model of its
 family.  The status is 1 if a twin departed from it, if one of the checks held in no round, or if
-memory has grown.  Of each model a line tells how long it was, how many messages and faults there
-were, how much memory the process has taken when the first tenth was over and at the end, and a
-digest of all messages with their times: the same seed has the same digest.
+memory has grown by more than 8 MiB after the first tenth.  Of each model a line tells how long it
+was, how many messages and faults there were, how much memory the process has taken at the start and
+at each quarter, and a digest of all messages with their times: the same seed has the same digest.
+Ctrl-C ends it, with what was found until then.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import random
+import re
 import resource
 import sys
 from collections import Counter
@@ -36,6 +38,7 @@ from axistwin_conformance.base.events import Event, SoakProgress  # noqa: E402
 from axistwin_conformance.base.verdicts import Verdict  # noqa: E402
 from axistwin_conformance.cli import make_options  # noqa: E402
 from axistwin_conformance.engine.plan import Options  # noqa: E402
+from axistwin_conformance.engine.result import Result  # noqa: E402
 from axistwin_conformance.engine.run import Engine  # noqa: E402
 from axistwin_conformance.families.catalog import find_family  # noqa: E402
 from axistwin_conformance.families.mac.can import codec  # noqa: E402
@@ -46,6 +49,7 @@ from axistwin_conformance.transport.transport import Transport  # noqa: E402
 
 HOURS = 24.0
 GROWTH_MAX_MIB = 8.0
+INTERRUPTED = 130
 # So rarely that most attempts of a check are spared: what noise hits is tried again, not judged.
 CHANCES = (0.00003, 0.0001, 0.0003)
 RATES_PER_S = (0.001, 0.002)
@@ -142,8 +146,8 @@ def soak(model: str, seed: int, hours: float) -> bool:
     options = make_options(model=model, ids=drawing, **wanted, **small_scratch(model))
     line = FaultyLine(options, seed)
     result = Engine(options, line.open, line.seconds).run(line.look)
-    held = {check.check.name for check in result.checks if check.verdict is Verdict.PASS}
-    never_judged = [f"{name} held in no round" for name in drawing if f"{name}-soak" not in held]
+    held = {name: rounds_held(result, name) for name in drawing}
+    never_judged = [f"{name} held in no round" for name, count in held.items() if not count]
     wrong = [
         f"{finding.requirement} in {check.check.name}: {finding.sentence or finding.text}"
         for check in result.checks
@@ -152,10 +156,11 @@ def soak(model: str, seed: int, hours: float) -> bool:
     ]
     sizes = line.memory_mib or [memory_mib()]
     first, last = sizes[len(sizes) // 10], sizes[-1]
+    quarters = " ".join(f"{sizes[(len(sizes) - 1) * part // 4]:.1f}" for part in range(5))
     print(
         f"{model}: {line.seconds() / 3600:.2f} h, {len(sizes)} rounds, {line.messages} messages,"
-        f" {line.acted.total()} faults, memory {first:.1f} to {last:.1f} MiB,"
-        f" digest {line.digest.hexdigest()[:16]}: {result.sentence}",
+        f" each check held in {min(held.values())} or more, {line.acted.total()} faults,"
+        f" memory {quarters} MiB, digest {line.digest.hexdigest()[:16]}: {result.sentence}",
         flush=True,
     )
     print("".join(f"  {kind} {count}" for kind, count in sorted(line.acted.items())), flush=True)
@@ -163,7 +168,20 @@ def soak(model: str, seed: int, hours: float) -> bool:
         if text:
             print(f"  {text}", flush=True)
     is_done = line.seconds() >= hours * 3600 and not (result.lost or result.problems)
+    if result.is_interrupted:
+        raise KeyboardInterrupt
     return is_done and not (wrong or never_judged) and last - first < GROWTH_MAX_MIB
+
+
+def rounds_held(result: Result, name: str) -> int:
+    """In how many rounds a check held, as its summary tells."""
+    told = (
+        re.fullmatch(r"held in (\d+) rounds", finding.text)
+        for check in result.checks
+        if check.check.name == f"{name}-soak"
+        for finding in check.findings
+    )
+    return max((int(each[1]) for each in told if each), default=0)
 
 
 def main() -> int:
@@ -178,8 +196,11 @@ def main() -> int:
         parser.error(f"no model is named {', '.join(sorted(unknown))}; known: {', '.join(known)}")
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
-    wrong = [model for model in asked.models or known if not soak(model, asked.seed, asked.hours)]
-    return int(bool(wrong))
+    try:
+        done = [soak(model, asked.seed, asked.hours) for model in asked.models or known]
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return int(not all(done))
 
 
 if __name__ == "__main__":

@@ -36,8 +36,8 @@ def test_the_same_seed_has_the_same_trace(
     told = []
     for seed in (17, 17, 18):
         assert soak(model, seed, HOURS)
-        report = re.sub(r"memory [\d.]+ to [\d.]+ MiB", "", capsys.readouterr().out)
-        assert int(re.findall(r"(\d+) messages, [1-9]\d* faults", report)[0]) > 1000
+        report = re.sub(r"memory [\d. ]+ MiB", "", capsys.readouterr().out)
+        assert int(re.findall(r"(\d+) messages, .* [1-9]\d* faults", report)[0]) > 1000
         told.append(report)
     assert told[0] == told[1]
     assert len({digest for report in told for digest in re.findall(r"digest (\w+)", report)}) == 2
