@@ -4,8 +4,9 @@ What a rack costs: its start, its CPU time while nobody talks, and the memory of
 Then lines where little is said are asked in turn, in slices that alternate: while nobody else
 talks; while clients in a process of their own drive 50 devices of *another* rack as hard as their
 lines allow, and flood one with garbage, so that the machine is busy; and while they do so in the
-same rack.  The ratio of the last two is what a quiet line pays for its neighbours.  Lines have
-their real rates.  At last every quiet device is asked under that load.
+same rack.  The ratio of the last two is what a quiet line pays for its neighbours, on a machine
+where the rack does not wait for a core.  Lines have their real rates.  At last every quiet device
+is asked under that load.
 """
 
 from __future__ import annotations
@@ -191,6 +192,11 @@ class RunningRack:
         return float(times.user + times.system)
 
     @property
+    def waited_s(self) -> float:
+        """How long it could have run, but other processes had the cores."""
+        return int(Path(f"/proc/{self.process.pid}/schedstat").read_text().split()[1]) / 1e9
+
+    @property
     def private_kib(self) -> float:
         """Memory that no other process has."""
         return float(self.process.memory_full_info().uss) / KIB
@@ -350,15 +356,17 @@ def compare_quiet(running: RunningRack, other: RunningRack, seconds: float) -> N
             PHASES[1]: stack.enter_context(loaded(other.seats)),
             PHASES[2]: stack.enter_context(loaded(running.seats)),
         }
-        loaded_s = used_s = 0.0
+        loaded_s = used_s = waited_s = 0.0
         for phase in PHASES * (SLICES + 1):
             if load := loads.get(phase):
                 load.on.set()
             begin_s, begin_cpu_s = time.perf_counter(), running.cpu_s
+            begin_waited_s = running.waited_s
             take_turns(kinds, begin_s + seconds, phase)
             if phase == PHASES[2]:
                 loaded_s += time.perf_counter() - begin_s
                 used_s += running.cpu_s - begin_cpu_s
+                waited_s += running.waited_s - begin_waited_s
             if load:
                 load.on.clear()
         load = loads[PHASES[2]]
@@ -366,7 +374,8 @@ def compare_quiet(running: RunningRack, other: RunningRack, seconds: float) -> N
             f"  load: {len(driven(running.seats))} devices,"
             f" {load.exchanges.value / loaded_s:.0f} exchanges/s;"
             f" garbage {load.flooded_bytes.value / loaded_s:.0f} bytes/s;"
-            f" CPU {100 * used_s / loaded_s:.0f} %"
+            f" CPU {100 * used_s / loaded_s:.0f} %,"
+            f" waits for a core {100 * waited_s / loaded_s:.0f} %"
         )
         print(f"  ms                {''.join(f'{phase:>19}' for phase in PHASES)} ratio of")
         print(f"                    {'      p50       p99' * len(PHASES)}  the last")
