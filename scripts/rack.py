@@ -31,10 +31,10 @@ TESTS = Path(__file__).resolve().parents[1] / "conformance" / "tests"  # where t
 WIDTH, MOST_LINES = 80, 40
 LINES_AROUND = 15  # of those: what is printed before the verdicts, and behind them
 HEAD_LINES, LEAST_LINES = 2, 2  # of a twin that failed, above its failures; of each failure
-ALONE = "leave the ports alone until the table is printed: another client spoils it"
+ALONE = "leave the ports alone until the table is printed: another client corrupts it"
 LEGEND = (  # below the table
-    "judged: requirements with a verdict, of those chosen; the others need --level full"
-    " or more of --allow.  open: inconclusive."
+    "judged: pass, fail or quirk, of the requirements chosen; the others need --level full,"
+    " more of --allow, or virtual time."
 )
 ENDING_S = 20.0  # a judgement that is broken off stops the axis and puts everything back first
 INTERRUPTED = 130
@@ -239,7 +239,7 @@ def judge_all(folder: Path, places: Sequence[Place]) -> int:
 def verdicts(found: Sequence[tuple[Sequence[str], Mapping[str, Any] | str]]) -> list[str]:
     """The table of what was found, and below it what failed: of each judgement its words, and its
     report, or what it said if there is none."""
-    rows = [("twin", "verdict", "judged", "failed", "open", "seconds")]
+    rows = [("twin", "verdict", "judged", "failed", "inconclusive", "seconds")]
     failures: list[list[str]] = []
     for words, report in found:
         if isinstance(report, str):
