@@ -38,6 +38,7 @@ UNKNOWN = [
     Fault("byte of a reply", "bits flipped", at=0, amount=0x80),
     Fault("byte of a reply", "bits flipped", at=17, amount=0xFF),
     Fault("effect", "refused", FORMATS["mac23"].commands),
+    Fault("effect", "none, no reply", FORMATS["mac23"].commands, When(first=5)),
 ]
 EXAMPLES = [
     ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),

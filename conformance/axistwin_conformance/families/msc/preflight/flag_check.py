@@ -5,9 +5,10 @@ that the macroprogram uses.  On the wire that looks like a unit that loses what 
 nobody can tell them apart; so nothing is judged by such a flag.  Three kinds of units are at fault
 beyond doubt, and are left to the checks: one whose flag follows most of the time, one that writes
 to another flag than the one it was told, and one whose flags follow when they are turned one by
-one, and not among many: a machine does not count what is written.  Two fail here: one that turns the flag and others
-with it, since no check looks at flags that nobody has named; and one that acknowledges each SFLAG
-while more flags stay off than a machine drives in step, or each CFLAG while they stay on.
+one, and not among many: a machine does not count what is written.  Two fail here: one that turns
+the flag and others with it, since no check looks at flags that nobody has named; and one that
+acknowledges each SFLAG while more flags stay off than a machine drives in step, or each CFLAG while
+they stay on.
 """
 
 from __future__ import annotations
