@@ -12,6 +12,7 @@ from mn400_board import LEDGER
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import CannotDo, OutsideEnvelope
 from axistwin_conformance.base.verdicts import Finding, Verdict
+from axistwin_conformance.core.readings import Readings
 from axistwin_conformance.core.session import Envelope, Run, Session, Stop
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.family import Mn400
@@ -168,6 +169,7 @@ def session_of(port: Any, checked: Check | None = None, **changes: Any) -> Sessi
         "seed": 0,
         "rig": TwinRig(target, 1, family.rig_controls),
     }
+    changes["readings"] = Readings(changes.get("readings"))
     run = Run(**(fields | changes))
     if run.envelope.is_guarded:
         target.travel_guard = family.travel_guard(run)

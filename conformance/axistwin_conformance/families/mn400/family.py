@@ -10,7 +10,7 @@ from axistwin_conformance.core.family import Family, Violation
 from axistwin_conformance.core.identity import Identity, Model
 from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Run, Session
-from axistwin_conformance.core.wording import Effect, Exchange
+from axistwin_conformance.core.wording import RUNNING, Effect, Exchange
 from axistwin_conformance.families.mn400 import codec, lenient, safety, snapshot, words
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
@@ -75,6 +75,7 @@ class Mn400(Family):
             return Exchange(told, effect)
         is_refused = any(part.code in REFUSALS for part in codec.packets(reply)[0])
         sets, needs = words.touched(rule, packet.text)
+        effect = Effect.MOTION if RUNNING in (sets or ()) else effect
         return Exchange(told, effect, is_refused=is_refused, sets=sets, needs=needs)
 
     def driver(self, session: Session, address: int | None = None) -> BoardDriver:

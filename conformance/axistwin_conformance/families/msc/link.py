@@ -117,19 +117,23 @@ class MscLink:
             )
 
     def hears_while_it_talks(self) -> bool:
-        """Try it: a unit 1 without others may be on two wires of RS-485, and nothing else tells."""
-        return not self.is_rs485 and any(
-            self._is_whole_beneath_another_byte() for _ in range(TRIALS)
+        """Try it: a unit 1 without others may be on two wires of RS-485, and nothing else tells.
+        A unit whose replies are never whole shows nothing here."""
+        if self.is_rs485:
+            return False
+        return any(self._is_whole_beneath(JUNK) for _ in range(TRIALS)) or not any(
+            self._is_whole_beneath(b"") for _ in range(TRIALS)
         )
 
-    def _is_whole_beneath_another_byte(self) -> bool:
-        """Whether a reply comes whole while the host sends a byte that means nothing."""
+    def _is_whole_beneath(self, junk: bytes) -> bool:
+        """Whether a reply comes whole while the host sends bytes that mean nothing."""
         client = self._client
         client.wait_until_quiet()
         self.target.drain()
         self.target.send(client.request(RQSTAT))
         begun = client.receive(1 + WHILE_IT_TALKS)
-        self.target.send(JUNK)
+        if junk:
+            self.target.send(junk)
         rest = client.receive(client.reply_bytes("RQSTAT") - WHILE_IT_TALKS)
         reply = codec.parse((begun + rest).removeprefix(ACK))
         client.wait_until_quiet()
@@ -183,7 +187,7 @@ class MscLink:
             is_so,
             names,
             f"{text} to {what}",
-            lambda: replace(exchange.observed(), wanted=f"{text} ({what})"),
+            lambda: replace(exchange.observed(), wanted=f"{text} to {what}"),
         )
         self.nothing_more(names, what)
         return exchange
