@@ -113,7 +113,7 @@ def judged(turn: Turn, *, is_lossless: bool, late_ns: int = 0, query: str = "") 
     return judged_over(lambda port: Turned(port, turn, late_ns), is_lossless, query)
 
 
-def judged_over(make: Callable[[Any], PortInFront], is_lossless: bool, query: str = "") -> Result:
+def judged_over(make: Callable[[Any], Any], is_lossless: bool, query: str = "") -> Result:
     """The same, with that in front of the built-in twin."""
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
