@@ -207,6 +207,16 @@ def test_a_module_whose_replies_are_all_wrong_in_one_byte_is_one(fault: Fault) -
 
 
 @pytest.mark.strength
+def test_a_query_that_is_never_answered_soundly_is_no_error_of_the_suite() -> None:
+    """Neither the byte that is no digit, nor what rests on that query."""
+    fault = Fault("byte of a reply", "bits flipped", ("27",), at=9, amount=146)
+    setting = Setting("mac23", "a plain port", "quick", 300)
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["errors"] == []
+    assert row["outcome"] == "caught", row
+
+
+@pytest.mark.strength
 def test_a_unit_1_alone_on_two_wires_conforms() -> None:
     """Nothing but what is spoilt when both talk tells it from one on RS-232."""
     row = QuirkSweep(Setting("msc-250", "a plain port", "quick", 300), seed=1).judge_readings(

@@ -229,7 +229,7 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
         end = forecast.end
         assert end is not None
         while session.transport.now_ns < end.latest_ns:
-            exchange = driver.client.ask(0x27)
+            exchange, _ = driver.client.answer(0x27)
             lowest, highest = forecast.bounds(exchange.taken)
             slack = driver.limits.allowance(driver.motion.period)
             is_busy = not exchange.reply.data_bytes()[2] & BUSY
