@@ -2,10 +2,15 @@
 
 import re
 import shlex
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from contracts import planted
+from contracts.golden import FOLDER
 
 from axistwin.cli.program import main
 from axistwin_conformance.base.transcript import Direction, Record
@@ -15,6 +20,12 @@ from axistwin_conformance.report.failures import Statement
 from axistwin_conformance.report.json import plain
 
 MS = 1_000_000
+PASTED = {  # a failure of each family: the zoo of its planted fault, and the fault
+    "framing-checksum": ("zoo", "the_sum_over_the_length_field_passes"),
+    "refusals-form": ("zoo_can", "refusals_forget_what_they_refuse"),
+    "framing-packet": ("zoo_msc", "a_sum_may_leave_the_unit_out"),
+    "board-checksum": ("zoo_mn400", "a_sum_may_be_one_more"),
+}
 TWIN = "axistwin://mac23:0,mac23:1?time=virtual"
 RECORDED = sorted((Path(__file__).parent / "contracts" / "golden").glob("*-faulty*/told.txt"))
 
@@ -38,6 +49,34 @@ def test_a_line_that_is_pasted_reproduces_the_exchange(path: Path) -> None:
         said = re.findall(r"^ +[\d.]+  host     (.{3,}?)  ", failure, re.MULTILINE)
         assert said[-1] == sent[-1]  # the request that was judged
         assert result.output.count("\n< ") == len(sent)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("name", PASTED)
+def test_a_line_that_is_pasted_for_a_port_reproduces_the_exchange(
+    name: str, tmp_path: Path
+) -> None:
+    """The port in the place of the URL, as the text says: a pty, and slcan on one for CAN."""
+    text = (FOLDER / "failures" / f"{name}.txt").read_text(encoding="utf-8")
+    line = re.search("^by hand: axistwin (.*)$", text, re.MULTILINE)
+    assert line is not None
+    verb, url, *words = shlex.split(line[1])
+    devices = re.findall(r"[\w-]+:\d+", url.removeprefix("axistwin:"))
+    link, is_on_can = str(tmp_path / "port"), "-can" in url
+    served = ["run", *devices, "--slcan" if is_on_can else "--pty", link]
+    served += ["--program", "bench"] if "program=bench" in url else []
+    command = [sys.executable, planted.__file__, *PASTED[name], *served]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as daemon:
+        assert daemon.stdout is not None
+        assert daemon.stdout.readline().startswith("ready ")
+        port = f"slcan:{link}" if is_on_can else link
+        result = CliRunner().invoke(main, [verb, port, *words, "--timeout", "20"])
+        daemon.send_signal(signal.SIGTERM)
+        assert daemon.wait(60) == 0
+    assert result.exit_code == 0, result.output
+    answers = re.findall(r" ← device ((?:[0-9A-F]{2} )+|[0-9A-F]+#[0-9A-F]*)", text)
+    said = re.findall("^< (.*?)  ", result.output, re.MULTILINE)
+    assert said[-1].startswith(answers[-1].strip())
 
 
 def test_between_the_requests_is_waited_as_long_as_it_was() -> None:

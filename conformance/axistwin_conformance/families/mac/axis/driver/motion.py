@@ -351,7 +351,7 @@ class AxisMotion:
             origin,
             direction,
             lambda law: Course.endless(period, self.coefficient, law),
-            law or self._readings.law_of(self.coefficient),
+            law or self._readings.law_of(self.coefficient, is_changed=True),
             mode="VE",
         )
 
