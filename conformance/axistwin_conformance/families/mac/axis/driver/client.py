@@ -260,17 +260,12 @@ class AxisClient(ABC):
         """Send a query."""
         return self.command(index, 0, sub_index)
 
-    def answer(self, index: int, sub_index: int = 0) -> tuple[AxisExchange, int]:
-        """A query that is answered, and the 32-bit number; no answer fails the check."""
-        exchange = self.ask(index, sub_index)
-        reply: AxisReply = exchange.reply
-        if reply.data is None:
-            self.session.fail(None, f"an answer to {self.named(index)}", reply)
-        return exchange, reply.data
-
     def value(self, index: int, sub_index: int = 0) -> int:
         """The 32-bit number a query answers; no answer fails the check."""
-        return self.answer(index, sub_index)[1]
+        reply: AxisReply = self.ask(index, sub_index).reply
+        if reply.data is None:
+            self.session.fail(None, f"an answer to {self.named(index)}", reply)
+        return reply.data
 
     def parameter(self, index: int) -> int:
         """The stored parameter that this command sets, unsigned."""
