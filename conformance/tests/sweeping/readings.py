@@ -1,4 +1,4 @@
-"""Twins of drawn readings: one switch at any of its values, or two."""
+"""Twins of drawn readings: one switch at any of its values, two, or a pool of them."""
 
 from __future__ import annotations
 
@@ -95,6 +95,24 @@ def drawn(model: str, seed: str) -> Iterator[dict[str, str]]:
         known = [name for name, quirk in quirks.items() if values_of(quirk, draw)]
         names = draw.sample(known, 2 if draw.random() < 2 / 3 else 1)
         yield {name: draw.choice(values_of(quirks[name], draw)) for name in names}
+
+
+def pooled(model: str, seed: str, size: int) -> Iterator[dict[str, str]]:
+    """Without end: that many switches at once, each of their values once before any comes again.
+
+    A sound device clears all of its readings and each pair of them for the price of one run.
+    """
+    draw = random.Random(seed)
+    while True:
+        waiting = [one for each in singles(model, seed) for one in each.items()]
+        draw.shuffle(waiting)
+        while waiting:
+            pool: dict[str, str] = {}
+            for name, value in list(waiting):
+                if name not in pool and len(pool) < size:
+                    pool[name] = value
+                    waiting.remove((name, value))
+            yield pool
 
 
 def misread(model: str, truth: Mapping[str, str], row: Row) -> dict[str, str]:
