@@ -15,6 +15,7 @@ import resource
 import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from types import FrameType
 from typing import Any
 
@@ -70,7 +71,8 @@ def options_of(model: str, level: str) -> Any:
     from axistwin_conformance.cli import make_options
 
     name, _, address = model.partition(":")
-    return make_options(model=name, level=level, address=int(address) if address else None)
+    options = make_options(model=name, level=level, address=int(address) if address else None)
+    return replace(options, shrinks=False)
 
 
 def judge(stages: Stages) -> None:

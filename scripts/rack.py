@@ -4,14 +4,17 @@ On two lines are a MAC23 at 0 and a MAC34 at 5; on the first the MAC23 is judged
 MAC34.  On the bus, a hub with an slcan adapter for a pty, are two MAC23, of which the first is
 judged.  What each says about the other stays out of it.  On the third line is an MSC, on the fourth
 are two MN400, of which the first is judged.  At the end stand one table with the verdicts of all,
-and what failed, in at most 40 lines of 80 columns.  Used by ``scripts/run``; ends with status 0
-when every twin conforms.
+and what failed, in at most 40 lines of 80 columns.  With ``--fault`` one twin has a planted fault,
+to see what is printed of a wrong device.  Used by ``scripts/run``; ends with status 0 when every
+twin conforms.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import difflib
+import importlib
 import json
 import signal
 import subprocess
@@ -19,13 +22,15 @@ import sys
 import tempfile
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+TESTS = Path(__file__).resolve().parents[1] / "conformance" / "tests"  # where the faults are
 WIDTH, MOST_LINES = 80, 40
 LINES_AROUND = 15  # of those: what is printed before the verdicts, and behind them
+HEAD_LINES, LEAST_LINES = 2, 2  # of a twin that failed, above its failures; of each failure
 ALONE = "leave the ports alone until the table is printed: another client spoils it"
 LEGEND = (  # below the table
     "judged: requirements with a verdict, of those chosen; the others need --level full"
@@ -41,7 +46,8 @@ class Place:
 
     `option` of ``axistwin run`` makes it, `way` of ``axistwin conform`` leads to it.  `ids`: what
     is judged there; none means all of the level.  `served`, `granted`: more words for the one who
-    serves, and for the one who judges.
+    serves, and for the one who judges.  `zoo`: where the faults are that can be planted there;
+    `fault`: the one that is.
     """
 
     link: str
@@ -51,11 +57,20 @@ class Place:
     ids: tuple[str, ...] = ()
     served: tuple[str, ...] = ()
     granted: tuple[str, ...] = ("--allow", "motion,stored")
+    zoo: str = "zoo"
+    fault: str = ""
 
     @property
     def judged(self) -> str:
         """The model that is judged."""
         return self.devices[0][0]
+
+    def serving(self) -> list[str]:
+        """The command that serves it."""
+        planted = [str(TESTS / "contracts" / "planted.py"), self.zoo, self.fault]
+        devices = [f"{model}:{address}" for model, address in self.devices]
+        program = planted if self.fault else ["-m", "axistwin"]
+        return [sys.executable, *program, "run", *devices, *self.served, self.option, self.link]
 
     def judging(self) -> list[str]:
         """The words after ``axistwin`` that judge it."""
@@ -89,6 +104,7 @@ PLACES = (
         "--slcan",
         ("--can", "slcan:{}"),
         ON_THE_BUS,
+        zoo="zoo_can",
     ),
     Place(
         "./msc",
@@ -99,14 +115,39 @@ PLACES = (
             *("--allow", "motion,stored", "--variables", "1024-5119", "--flags", "128-191"),
             *("--bench-program", "240:6144"),
         ),
+        zoo="zoo_msc",
     ),
     Place(
         "./mn400",
         (("mn400", 1), ("mn400", 2)),
         ids=OF_THE_MN400,
         granted=("--allow", "passive"),
+        zoo="zoo_mn400",
     ),
 )
+
+
+def with_fault(told: str) -> tuple[Place, ...]:
+    """The places, with a fault planted in one: TWIN:FAULT.  What it breaks is judged there too.
+
+    Raises ValueError.
+    """
+    twin, _, fault = told.partition(":")
+    twins = [place.judged for place in PLACES]
+    if twin not in twins:
+        raise ValueError(f"{told}: write TWIN:FAULT; TWIN is one of {', '.join(twins)}")
+    place = PLACES[twins.index(twin)]
+    if str(TESTS) not in sys.path:
+        sys.path.insert(0, str(TESTS))
+    claims = {one.name: one.claims for one in importlib.import_module(place.zoo).ZOO}
+    if fault not in claims:
+        near = ", ".join(difflib.get_close_matches(fault, claims, 3, 0.3))
+        raise ValueError(
+            f"{fault} is no fault of {twin}; "
+            + (f"did you mean {near}?" if near else f"see conformance/tests/{place.zoo}")
+        )
+    wrong = replace(place, fault=fault, ids=place.ids and (*place.ids, *claims[fault]))
+    return tuple(wrong if one is place else one for one in PLACES)
 
 
 class Ended(BaseException):
@@ -139,9 +180,7 @@ def running(place: Place, folder: Path) -> Iterator[subprocess.Popen[str]]:
 
     What it remarks goes into a log: while it is judged, clients talk at wrong rates on purpose.
     """
-    devices = [f"{model}:{address}" for model, address in place.devices]
-    command = [sys.executable, "-m", "axistwin", "run", *devices]
-    command += [*place.served, place.option, place.link, "--state", str(folder / "state"), "--json"]
+    command = [*place.serving(), "--state", str(folder / "state"), "--json"]
     folder.mkdir()
     log = folder / "log"
     with (
@@ -153,7 +192,7 @@ def running(place: Place, folder: Path) -> Iterator[subprocess.Popen[str]]:
     ):
         try:
             assert daemon.stdout is not None
-            for _ in devices:
+            for _ in place.devices:
                 event = json.loads(daemon.stdout.readline() or "{}")
                 if event.get("event") != "ready":
                     told = f"{log.read_text()}run: the twins at {place.link} did not start"
@@ -178,15 +217,15 @@ def judge(place: Place, folder: Path) -> Judgement:
     return Judgement(place, process, folder)
 
 
-def judge_all(folder: Path) -> int:
+def judge_all(folder: Path, places: Sequence[Place]) -> int:
     """Judge every twin, all at the same time; the worst exit status."""
     with contextlib.ExitStack() as stack:
         begun = []
-        for place in PLACES:
+        for place in places:
             begun.append(judge(place, folder / f"{place.judged}-report"))
             stack.callback(_end, begun[-1].process)
         print(
-            f"judging {', '.join(place.judged for place in PLACES)} at the same time;\n{ALONE}",
+            f"judging {', '.join(place.judged for place in places)} at the same time;\n{ALONE}",
             flush=True,
         )
         for one in begun:
@@ -237,23 +276,29 @@ def _sentences(report: Mapping[str, Any]) -> list[str]:
 
 
 def _fitting(failures: Sequence[Sequence[str]], most: int) -> list[str]:
-    """As much of what failed as finds room, wrapped; `most`: lines of each twin."""
+    """What failed, as far as it finds room, wrapped; `most`: lines of each twin."""
     lines: list[str] = []
     for name, *told, last in failures:
         end = _wrapped(last)
-        block = ["", f"{name}:"]
-        for number, sentence in enumerate(told):
-            more = _wrapped(sentence)
-            room = most - len(block) - len(end) - 1
-            if len(more) > room:
-                if not number and room > 0:  # the first is told as far as there is room
-                    block += [*more[: room - 1], f"{more[room - 1][: WIDTH - 2]} …"]
-                    number = 1
-                if number < len(told):
-                    block.append(f"  and {len(told) - number} more")
-                break
-            block += more
-        lines += [*block, *end]
+        if most - HEAD_LINES - len(end) < 1:
+            end = []  # what failed matters more than how to see it again
+        room = most - HEAD_LINES - len(end)
+        if len(told) * LEAST_LINES > room:
+            room -= 1  # for the number of the others
+        shown = told[: max(room // LEAST_LINES, min(room, 1))]
+        lines += ["", f"{name}:"]
+        for number, sentence in enumerate(shown):
+            share = room // (len(shown) - number)  # what one leaves, the next have
+            wrapped = _wrapped(sentence)
+            if len(wrapped) > share:
+                wrapped = [*wrapped[: share - 1], f"{wrapped[share - 1][: WIDTH - 2]} …"]
+            lines += wrapped
+            room -= len(wrapped)
+        if len(shown) < len(told):
+            lines.append(
+                f"  and {len(told) - len(shown)} more" if shown else f"  {len(told)} failures"
+            )
+        lines += end
     return lines
 
 
@@ -272,16 +317,16 @@ def _terminated(number: int, frame: FrameType | None) -> None:
     raise Ended
 
 
-def run(*, is_once: bool) -> int:
+def run(places: Sequence[Place], *, is_once: bool) -> int:
     """Start lines and bus, judge, and stay until somebody ends it; the exit status."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="axistwin-")))
-        daemons = [stack.enter_context(running(place, folder / place.judged)) for place in PLACES]
-        status = judge_all(folder)
+        daemons = [stack.enter_context(running(place, folder / place.judged)) for place in places]
+        status = judge_all(folder, places)
         told = "all conform" if status == 0 else f"status {status}"
-        print(f"\n{len(PLACES)} twins judged: {told}", flush=True)
+        print(f"\n{len(places)} twins judged: {told}", flush=True)
         if not is_once:
-            where = ", ".join(f"{one.link} ({Path(one.link).resolve()})" for one in PLACES)
+            where = ", ".join(f"{one.link} ({Path(one.link).resolve()})" for one in places)
             print(
                 "\n".join(
                     textwrap.wrap(
@@ -306,10 +351,20 @@ def main() -> int:
         " worst verdict.",
     )
     parser.add_argument("--once", action="store_true", help="exit when the verdicts are printed")
+    parser.add_argument(
+        "--fault",
+        metavar="TWIN:FAULT",
+        help="plant a fault of conformance/tests/zoo* in one twin, such as"
+        " mac23:the_ramp_is_half_as_long",
+    )
     arguments = parser.parse_args()
+    try:
+        places = with_fault(arguments.fault) if arguments.fault else PLACES
+    except ValueError as error:
+        parser.error(str(error))
     signal.signal(signal.SIGTERM, _terminated)
     try:
-        return run(is_once=arguments.once)
+        return run(places, is_once=arguments.once)
     except (KeyboardInterrupt, Ended):
         print("\nended before all verdicts were there", file=sys.stderr)
         return INTERRUPTED

@@ -182,7 +182,7 @@ def test_what_only_the_serial_line_has_is_unassigned_here() -> None:
         run.operate(*operation("send an unassigned index", first))
     told = " ".join(run.story)
     for words in ("download 2008h", "download 201Bh", "upload 2008h", "upload 2009h"):
-        assert f"{words} not used" in told
+        assert f"{words} (not used" in told
     assert "accepted" not in told
     assert "answer" not in told
 

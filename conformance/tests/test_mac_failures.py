@@ -368,6 +368,15 @@ def test_the_same_requirement_is_not_shrunk_twice_in_a_run() -> None:
     assert case.stored[-1].operations == LONG[:13]
 
 
+def test_where_only_the_verdict_is_wanted_nothing_is_shrunk() -> None:
+    """It fails as it was found, and nothing is played again."""
+    case = Case(Device(always()), is_lossless=True)
+    case.run.unshrunk = "only the verdict is wanted"
+    case.settle()
+    assert "not shrunk: only the verdict is wanted" in case.text
+    assert case.stored[-1].operations == LONG[:13]
+
+
 def test_only_what_was_judged_counts_as_held() -> None:
     """And the states that were met are told."""
     case = Case(Device(at_times()), is_lossless=True)

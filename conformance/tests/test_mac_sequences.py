@@ -74,7 +74,7 @@ def test_each_operation_begins_at_a_mark_in_the_story() -> None:
     """What an operation sent and waited lies between its mark and the next."""
     run = performed(operation("stop", pause=0x8A) + operation("ask", 7) + operation("restart", 0))
     words = [run.story[begun] for begun in run.marks]
-    assert [one[4:7] for one in words] == ["18h", "27h", "00h"]
+    assert [one.split()[3] for one in words] == ["18h", "27h", "00h"]
     assert run.story[run.marks[0] + 1] == "wait 10 ms"
 
 

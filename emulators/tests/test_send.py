@@ -146,6 +146,20 @@ def test_a_controller_is_asked_and_its_reply_acknowledged() -> None:
     ]
 
 
+def test_a_board_is_asked() -> None:
+    """As its programs write it, in words, or by its bytes, the sum of which is added."""
+    told = rows("axistwin://mn400?time=virtual", "M100", "wait 500 ms", "ReadPosition", "81 2A 81")
+    assert [row.partition("  ")[2] for row in told] == [
+        "Mover 100 (board 1)",
+        "Mover: START (board 1); Mover: DONE (board 1)",
+        "",  # the pause
+        "ReadPosition (board 1)",
+        "ReadPosition: START (board 1); ReadPosition = 100,0,0,0 (board 1)",
+        "PollDevices (board 1)",
+        "PollDevices: START (board 1); PollDevices: PRESENT (board 1)",
+    ]
+
+
 def test_a_module_on_a_bus_is_asked() -> None:
     """In words, or with a frame as cansend has it; lifebeats are no replies."""
     told = rows("axistwin:mac23-can:3?time=virtual", "status?", "stop", "603#4000200000000000")
@@ -194,6 +208,22 @@ def test_a_mistake_is_one_line(arguments: tuple[str, ...], words: str) -> None:
     assert result.exit_code == 2
     assert words in result.output
     assert len(result.output.splitlines()) == 1
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    ("model", "text", "reply"),
+    [
+        ("mac34-1", "position?", "20h position = 0 (module 0)"),
+        ("mn400", "E", "ReadPosition: START (board 1); ReadPosition = 0,0,0,0 (board 1)"),
+        ("msc-250", "RFLAGS", "ACK; RFLAGS = on: none (unit 1)"),
+    ],
+)
+def test_a_device_of_each_family_is_asked_on_a_pty(model: str, text: str, reply: str) -> None:
+    """The reply is read to its end."""
+    with testing.start(model) as twin:
+        told = rows(twin.port, text, "--model", model, "--timeout", "20")
+    assert told[1].endswith(f"  {reply}")
 
 
 @pytest.mark.system

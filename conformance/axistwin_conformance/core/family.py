@@ -128,11 +128,11 @@ class Family(ABC):
         """Why these bytes must not be written: nobody knows what they replace; empty: they may."""
         return ""
 
-    def kept(self, memory: Any) -> Mapping[str, Any]:
+    def kept(self, memory: Any, /) -> Mapping[str, Any]:
         """What `remember` read, as a file keeps it; empty: nothing is worth a file."""
         return {}
 
-    def memory_of(self, held: Mapping[str, Any]) -> Any:
+    def memory_of(self, held: Mapping[str, Any], /) -> Any:
         """The same the other way; raises ValueError, KeyError or TypeError for what is none."""
         raise ValueError("nothing is kept of such a device")
 

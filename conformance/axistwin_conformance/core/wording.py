@@ -50,6 +50,7 @@ SLOWEST_INCREMENT_NS: Final = 10_000_000
 LONGEST_MOVE_NS: Final = 2_500_000_000  # until one that was made earlier is over
 ONE_EXCHANGE: Final = 4  # records, at most: a note, a request, its reply and a receipt
 MOST_BY_HAND: Final = 12  # requests; more, nobody pastes
+ACKNOWLEDGED: Final = "not with 'axistwin send', which acknowledges every reply: use the line above"
 WORKED: Final = "not with 'axistwin send' alone: the device has to be worked as well, in this order"
 
 
@@ -305,17 +306,20 @@ def _in_increments(text: str) -> str:
 
 
 def _condition(causes: Sequence[_Act], judged: _Act) -> str:
-    """``234 ms after 13h (go to position 76)``."""
+    """``after 10h (wait for synchro), 234 ms after 13h (go to position 76)``."""
     words: list[str] = []
     for number, act in enumerate(causes):
         is_cycle = _is_cycle(causes[number - 1 : number + 1]) if number else False
         words[-is_cycle or len(words) :] = [POWER_CYCLE if is_cycle else act.words]
     waited_ns = judged.time_ns - causes[-1].time_ns
-    is_under_way = causes[-1].exchange.effect in MOVING and judged.exchange.is_query
+    is_under_way = causes[-1].exchange.effect in MOVING
     is_worth = waited_ns > AT_ONCE_NS or is_under_way
-    after = f"{waited_ns / 1e6:.0f} ms after" if is_worth else "after"
     *others, last = words
-    return f"{after} {', '.join(others)}{' and ' if others else ''}{last}"
+    if not is_worth:
+        return f"after {', '.join(others)}{' and ' if others else ''}{last}"
+    *first, before = others or [""]
+    led = f"after {', '.join(first)}{' and ' if first else ''}{before}, " if before else ""
+    return f"{led}{waited_ns / 1e6:.0f} ms after {last}"
 
 
 def _causes(before: Sequence[_Act], judged: _Act, *, is_sequence: bool = False) -> list[_Act]:
@@ -374,7 +378,7 @@ def _by_hand(
         return (), "", frozenset()
     before = acts[: acts.index(judged)]
     if any(act.exchange.is_altered for act in (*before, judged)):
-        return (), "not with 'axistwin send', which acknowledges every reply", frozenset()
+        return (), ACKNOWLEDGED, frozenset()
     kept, needs = _changing(before, judged, causes)
     steps = {act.first for act in (*kept, *causes)} - {judged.first}
     if len(steps) >= MOST_BY_HAND:

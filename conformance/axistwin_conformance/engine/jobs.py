@@ -137,7 +137,8 @@ def judge(setup: RunSetup, name: str, seed: int) -> WorkerResult:
             ledger=load_ledger(family.name), address=setup.address, neighbours=setup.neighbours,
             allowed=setup.allowed, envelope=setup.envelope, seed=seed, identity=setup.identity,
             readings=Readings(setup.readings), detections=dict(setup.detections),
-            budget=WriteBudget(), emit=events.append, shrinks=False, settings=setup.settings,
+            budget=WriteBudget(), emit=events.append, settings=setup.settings,
+            unshrunk="found in a process beside the run",
         )  # fmt: skip
         target.meter = lambda data: run.budget.note(family.stored_writes(data))
         if run.envelope.is_guarded:

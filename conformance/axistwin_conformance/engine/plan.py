@@ -37,7 +37,8 @@ class Options:
     nothing else.  `expected`: the readings of a profile file, None without one.  `duration_s`: of
     a soak.  `recording`: play just that, given as `replay_word`.  `report`: the folder of the
     report, empty without one.  `jobs`: processes that run random sequences on built-in twins.
-    `settings`: what the options of the family have been set to.
+    `settings`: what the options of the family have been set to.  `shrinks`: False where only the
+    verdicts are wanted, which are the same.
     """
 
     family: Family
@@ -62,6 +63,7 @@ class Options:
     report: str = ""
     jobs: int = 1
     settings: Settings = field(default_factory=Settings)
+    shrinks: bool = True
 
     @property
     def is_builtin(self) -> bool:

@@ -19,8 +19,14 @@ GROUNDS: Final = {
     "interpretation": "the suite's interpretation of it",
 }
 TAKEN_OVER: Final = "taken to hold for it as well"
-REQUIRED, OPEN = "required", "manual"  # what stands before what is asked of the device
+REQUIRED: Final = "required"  # stands before what is asked of the device
 OWN_RULE: Final = "a rule of the suite; the manual does not cover it"
+# Whose rule it is, before anything else is said.
+STATED: Final = "the manual demands"
+CONCLUDED: Final = "concluded from the manual"
+ELSEWHERE_STATED: Final = "concluded from the manual of another device"
+INTERPRETED: Final = "the manual leaves it open; demanded by this suite"
+OWN: Final = "demanded by this suite only"
 TIMES: Final = (
     "time in ms: host lines when sending began, device lines at the last byte; 'N ms after' a"
     " request counts from the time of its line"
@@ -37,7 +43,7 @@ class Statement:
     """One thing that was seen: in a sentence, and what there is to add to it.
 
     `requirements`: what it breaks, or leaves open, the one that decides first.  `transcript`: the
-    exchange that led there; the others but `requirements`: see `Finding`.
+    exchange that led there; `check`: by name; the others but `requirements`: see `Finding`.
     """
 
     verdict: str
@@ -49,6 +55,7 @@ class Statement:
     no_hand: str = ""
     before: Sequence[Mapping[str, Any]] = ()
     rule: str = ""
+    check: str = ""
     requirements: list[str] = field(default_factory=list)
 
     @property
@@ -68,13 +75,35 @@ class Statement:
         """What is asked of the device; `known`: requirements as they were judged, by their id."""
         rules = [self.rule, *[""] * len(self.requirements)]
         return [
-            Required(
-                name,
-                rule or known[name]["text"],
-                "" if rule.startswith(LEFT_OPEN) else place(known[name]),
-            )
+            Required(name, _applied(rule, known[name]), place(known[name]))
             for name, rule in zip(self.requirements, rules, strict=False)
         ]
+
+    @property
+    def counted_too(self) -> str:
+        """What the same exchange counts against beside the requirement that decides, by id."""
+        return ", ".join(self.requirements[1:])
+
+    def whose(self, known: Mapping[str, Mapping[str, Any]]) -> str:
+        """Whose rule it is that was broken: the manual's, or how much of it is the suite's."""
+        one = known[self.requirements[0]]
+        where = one["where"] or one["source"]
+        if where.startswith(NO_MANUAL):
+            return OWN
+        if self.rule.startswith(LEFT_OPEN) or one["kind"] == "interpretation":
+            return INTERPRETED
+        if where.endswith(ELSEWHERE):
+            return ELSEWHERE_STATED
+        return CONCLUDED if self.rule or one["kind"] == "derived" else STATED
+
+
+def _applied(rule: str, requirement: Mapping[str, Any]) -> str:
+    """The rule in the place of the requirement's text, or behind it where that is the suite's
+    interpretation of what the rule calls open."""
+    text: str = requirement["text"]
+    if rule.startswith(LEFT_OPEN) and requirement["kind"] == "interpretation":
+        return f"{text} {rule}"
+    return rule or text
 
 
 class Required(NamedTuple):
@@ -83,11 +112,6 @@ class Required(NamedTuple):
     id: str
     text: str
     where: str
-
-    @property
-    def label(self) -> str:
-        """What stands before it: "manual" before what the manual leaves open."""
-        return OPEN if self.text.startswith(LEFT_OPEN) else REQUIRED
 
     def __str__(self) -> str:
         return f"{self.id}: {self.text}{f' ({self.where})' if self.where else ''}"
@@ -143,7 +167,7 @@ def statements(check: Mapping[str, Any]) -> list[Statement]:
         new = Statement(
             verdict, sentence, remark, finding["transcript"], finding.get("decisive", ()),
             finding.get("by_hand", ()), finding.get("no_hand", ""), finding.get("before", ()),
-            finding.get("rule", ""),
+            finding.get("rule", ""), check["name"],
         )  # fmt: skip
         found.setdefault((verdict, sentence), new).requirements.append(finding["requirement"])
     return sorted(found.values(), key=lambda one: SHOWN.index(one.verdict))

@@ -81,6 +81,7 @@ class Exhibit:
     """
 
     statement: Statement
+    whose: str
     required: Sequence[Required]
     by_hand: Sequence[Instruction] = ()
     rows: Sequence[TranscriptRow] = ()
@@ -252,8 +253,9 @@ def _seen(
     left = len(others) if is_cut else 0
     shown = [rows[number] for number in statement.shown]
     by_hand = tuple(instructions(run, statement)) if statement.verdict == "fail" else ()
+    whose = statement.whose(known) if statement.verdict == "fail" else ""
     required = statement.required(known)
-    return Exhibit(statement, required, by_hand, shown, () if left else others, left)
+    return Exhibit(statement, whose, required, by_hand, shown, () if left else others, left)
 
 
 def _articles(report: Report, checks: Sequence[CheckArticle]) -> list[Article]:

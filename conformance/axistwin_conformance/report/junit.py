@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 
 from axistwin_conformance.base.errors import counted
 from axistwin_conformance.report.by_hand import in_lines
-from axistwin_conformance.report.failures import statements
+from axistwin_conformance.report.failures import REQUIRED, statements
 from axistwin_conformance.report.json import Report
 
 UNTRUSTED = (2, 3, 130)  # exit statuses: nothing judged, unreachable, interrupted
@@ -144,7 +144,8 @@ def _put_evidence(element: ElementTree.Element, judged: Mapping[str, Any], repor
     lines: list[str] = []
     for number, (check, one) in enumerate(found):
         lines += ["", one.sentence] if number else []
-        lines += [f"{each.label}: {each}" for each in one.required(known)]
+        lines += [f"rule: {one.whose(known)}"] if one.verdict == "fail" else []
+        lines += [f"{REQUIRED}: {each}" for each in one.required(known)]
         lines += [f"remark: {one.remark}"] if one.remark else []
         lines += [f"check: {check['name']}", f"replay: {check['replay']}"]
         lines += in_lines(report["run"], one)

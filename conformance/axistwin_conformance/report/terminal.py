@@ -45,6 +45,7 @@ from axistwin_conformance.report.by_hand import Part, instructions
 from axistwin_conformance.report.failures import (
     ALSO,
     LAST_PROBLEMS,
+    REQUIRED,
     TIMES,
     Failed,
     Statement,
@@ -419,15 +420,17 @@ class TerminalReport:
             self._print(check["trouble"], "yellow", label="   ")
         shown = one.found if one else ()
         for seen in shown:
+            if seen.verdict == Verdict.FAIL.value:
+                self._print(seen.whose(self._requirements), "bold", label="   rule        ")
             if seen.sentence != check["trouble"]:
                 self._print(seen.sentence, label="   ")
             if seen.remark:
                 self._print(seen.remark, "dim", label="   remark      ")
-            label = ""
-            for required in seen.required(self._requirements):
-                label = "" if label == required.label else required.label
-                self._print(str(required), label=f"   {label:12}")
-                label = required.label
+            for number, required in enumerate(seen.required(self._requirements)):
+                if number and not self._is_verbose:
+                    self._print(f"(and {seen.counted_too}: --verbose)", "dim", label=" " * 15)
+                    break
+                self._print(str(required), label=f"   {'' if number else REQUIRED:12}")
         # One sequence usually breaks several requirements: it is printed once, with the last.
         if shown and shown[-1].transcript:
             self._transcript(shown[-1])
@@ -447,7 +450,7 @@ class TerminalReport:
             elif part is Part.WORDS:
                 self._print(text, label=label)
             elif part is Part.ACT:
-                self._print(text, label=f"{below}done: ")
+                self._print(text, label=f"{below}now: ")
             elif part is Part.REMARK or not self._is_port_explained:
                 self._is_port_explained |= part is Part.PORT
                 self._print(f"({text})", "dim", label=below)

@@ -152,8 +152,8 @@ class Failure:
     def _shrink_once(self) -> None:
         """Once in a run for each requirement: a soak may meet the same failure a thousand times."""
         run = self.session.run
-        if not run.shrinks:
-            self.history.append("not shrunk: found in a process beside the run")
+        if run.unshrunk:
+            self.history.append(f"not shrunk: {run.unshrunk}")
             return
         if self.mismatch.requirement in run.shrunk:
             self.history.append("not shrunk: the same requirement has failed before in this run")

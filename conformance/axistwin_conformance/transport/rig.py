@@ -21,6 +21,7 @@ else, or more than 30 s: it went wrong, and its last line of output says why.
 
 from __future__ import annotations
 
+import re
 import select
 import shlex
 import subprocess
@@ -134,9 +135,31 @@ class Act:
         """What has been done, as a clause."""
         return self._said(self.control.done)
 
+    def of_twin(self) -> tuple[str, bool | float | str | None]:
+        """The control of a twin that does it, and the value to set; None: one without a value, or
+        the value that it was found with."""
+        if isinstance(self.control.twin, str):
+            return self.control.twin.format(self.number), self.value
+        return self.control.twin[bool(self.value)]
+
     def _said(self, texts: tuple[str, str]) -> str:
         text = texts[self.value is None or self.value is False]
         return text.format(name=self.words[1], value=self.words[2])
+
+
+def act_done(controls: RigControls, clause: str) -> Act | None:
+    """The act that has been done, by its clause (`Act.done`); None: none of these controls."""
+    for control in controls.values():
+        for is_on, done in zip((True, False), control.done, strict=True):
+            pattern = re.escape(done).replace(r"\{name\}", "(?P<name>[0-9]+)")
+            found = re.fullmatch(pattern.replace(r"\{value\}", "(?P<value>[-+0-9.]+)"), clause)
+            if found is None:
+                continue
+            said = found.groupdict()
+            rest = None if control.rest is None else False
+            value = float(said["value"]) if "value" in said else True if is_on else rest
+            return Act(control, value, int(said["name"]) if "name" in said else None)
+    return None
 
 
 class Rig(ABC):
@@ -222,14 +245,12 @@ class TwinRig(Rig):
         }
 
     def _work(self, act: Act) -> None:
-        control, value = act.control, act.value
+        control = act.control
         try:
-            if isinstance(control.twin, str):
-                usual = self._usual.get(control.capability)
-                path, worked = control.twin.format(act.number), usual if value is None else value
-            else:
-                path, worked = control.twin[bool(value)]
-            self._twin.controls[path].set(worked)
+            path, value = act.of_twin()
+            if act.value is None:
+                value = self._usual.get(control.capability)
+            self._twin.controls[path].set(value)
         except RigError as error:  # a daemon that does not answer
             raise RigError(f"{act}: {error}") from error
         except Exception as error:  # whatever a twin raises, the run goes on without it

@@ -330,7 +330,9 @@ class Transport(ABC):
         is_alone = all(one.time_ns <= started_ns for one in others if one.data)
         waited = f"{passed_ms:.0f} ms"
         text = (
-            f"nothing for {waited}" if is_alone else f"waited {waited}: what was due did not come"
+            f"nothing for {waited}"
+            if is_alone
+            else f"for {waited} from here: what was due did not come"
         )
         self.transcript.note(started_ns, Direction.SILENCE, text=text)
 

@@ -13,10 +13,11 @@ from pathlib import Path
 def main(zoo: str, fault: str, *words: str) -> None:
     """Plant the fault, and run the command; exits as it does.
 
-    The machine's clock stands still meanwhile: shrinking has a budget of seconds, and how much of
-    it a busy machine uses up must not decide what is found.
+    While a twin is judged, the machine's clock stands still: shrinking has a budget of seconds, and
+    how much of it a busy machine uses up must not decide what is found.
     """
-    time.monotonic = lambda: 0.0
+    if words[0] == "conform":
+        time.monotonic = lambda: 0.0
     sys.path.insert(0, str(Path(__file__).parents[1]))
     (mutant,) = (one for one in importlib.import_module(zoo).ZOO if one.name == fault)
     (program,) = entry_points(group="console_scripts", name="axistwin")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import signal
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import cache
+from itertools import product
 from types import FrameType
 from typing import Any
 
@@ -72,10 +74,10 @@ def checks_of(requirement: str, model: str = "mac23") -> tuple[Check, ...]:
     return tuple(sorted(naming, key=lambda check: (check.name in LAST, len(check.requirements))))
 
 
-def run(check: str, model: str = "mac23", address: int | None = None) -> Result:
+def run(check: str, model: str = "mac23", address: int | None = None, **scratch: Any) -> Result:
     """Judge the built-in twin, as this process has it now, by one check."""
-    options = make_options(model=model, ids=(check,), address=address)
-    return Engine(options).run(lambda event: None)
+    options = make_options(model=model, ids=(check,), address=address, **scratch)
+    return Engine(replace(options, shrinks=False)).run(lambda event: None)
 
 
 def failed(result: Result) -> frozenset[str]:
@@ -120,7 +122,7 @@ def _together(mutant: Mutant, checks: Sequence[Check], claims: frozenset[str]) -
         **small_scratch(mutant.model),
     )
     with suppress(Overrun, Settled), limited(LIMIT_S):
-        Engine(options).run(hear)
+        Engine(replace(options, shrinks=False)).run(hear)
     return found
 
 
@@ -167,9 +169,10 @@ def kills(mutant: Mutant) -> Mapping[str, str]:
     """Claimed requirement → the check that failed it; a claim that nobody refuted is missing.
 
     At first all that name a claim judge in one run, which a fault may end early; then, for what is
-    left, each by itself.
+    left, each by itself; with a small scratch area, and only where that is not enough with all.
     """
     claims = frozenset(mutant.claims)
+    small = small_scratch(mutant.model)
     with mutant.plant():
         first = [
             check
@@ -177,12 +180,12 @@ def kills(mutant: Mutant) -> Mapping[str, str]:
             if claims.intersection(check.requirements) and check.name not in LAST | NEVER
         ]
         found = _together(mutant, first, claims)
-        for claim in mutant.claims:
+        for claim, scratch in product(mutant.claims, (small, {}) if small else ({},)):
             for check in checks_of(claim, mutant.model):
                 if claim in found:
                     break
                 with suppress(Overrun), limited(LIMIT_S):
-                    result = run(check.name, mutant.model, mutant.address)
+                    result = run(check.name, mutant.model, mutant.address, **scratch)
                     fallen = failed(result) & claims
                     found |= dict.fromkeys(fallen - found.keys(), check.name)
     return found

@@ -28,7 +28,7 @@ from zoo_mn400.planting import (
 
 def _byte_by_byte(patch: MonkeyPatch) -> None:
     """Let no packet be taken at once, so that the faults of its bytes show."""
-    patch.setattr(PacketReceiver, "_is_whole", lambda receiver, data: False)
+    patch.setattr(PacketReceiver, "_whole", lambda receiver, data: None)
 
 
 def _sums(patch: MonkeyPatch, is_right: Any_) -> None:
@@ -255,9 +255,9 @@ def a_value_is_followed_by_done(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, one: Interpreter, line: Any, letter: str) -> Answer:
         answer: Answer = go()
-        if letter in "S/":
-            answer.parts.append(one._status(line.command, ReturnCode.DONE))
-        return answer
+        if letter not in "S/":
+            return answer
+        return answer._replace(parts=[*answer.parts, one._status(line.command, ReturnCode.DONE)])
 
     judges(patch, act)
 
@@ -268,8 +268,8 @@ def a_repeat_begins_with_start(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, one: Interpreter, line: Any) -> Answer:
         answer: Answer = go()
-        answer.parts.insert(0, one._status(line.command, ReturnCode.START))
-        return answer
+        start = one._status(line.command, ReturnCode.START)
+        return answer._replace(parts=[start, *answer.parts])
 
     around(patch, Interpreter, "_repeat", act)
 
@@ -336,7 +336,8 @@ def it_says_something_by_itself(patch: MonkeyPatch) -> None:
     def act(go: Any_, one: Interpreter, line: Any, letter: str) -> Answer:
         answer: Answer = go()
         if letter == "V":
-            answer.parts.append(answer.parts[-1]._replace(wait_ns=50 * MS))
+            again = answer.parts[-1]._replace(wait_ns=50 * MS)
+            return answer._replace(parts=[*answer.parts, again])
         return answer
 
     judges(patch, act)

@@ -187,7 +187,8 @@ def done_is_sent_at_the_end_of_a_move(patch: MonkeyPatch) -> None:
         if letter == "M" and motion is not None and motion.end_ns is not None:
             wait_ns = motion.end_ns - line.now
             if wait_ns < 450 * MS:
-                answer.parts[-1] = answer.parts[-1]._replace(wait_ns=wait_ns)
+                *before, last = answer.parts
+                return answer._replace(parts=[*before, last._replace(wait_ns=wait_ns)])
         return answer
 
     around(patch, Interpreter, "_answer", act)

@@ -62,7 +62,7 @@ wants accepted say 'motor on' 'go to 0'
 echo emergency
 wants accepted say_can 'motor on'
 axistwin ctl mac23-can faults.micro_cut on # nobody acknowledges the message until the program is back
-wants 'emergency 3100h, status 01 00 00 00 ' say_can 'wait 100 ms'
+wants 'emergency 3100h, status 01 00 00 00 ' say_can 'wait 3000 ms' # a busy machine is slow
 wants '> wait 0.1 s' say_can 'wait 100 ms' # it came once
 wants refused say_can 'go to 100'
 axistwin ctl mac23-can faults.micro_cut off

@@ -133,6 +133,7 @@ class DeviceGuard:
             seed=options.seed,
             budget=self.budget,
             emit=self.emit,
+            unshrunk="" if options.shrinks else "only the verdict is wanted",
         )
         self._equip(run)
         return run

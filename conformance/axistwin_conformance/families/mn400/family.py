@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Family, Violation
-from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.identity import Model
 from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Run, Session
-from axistwin_conformance.core.wording import Effect, Exchange
+from axistwin_conformance.core.wording import RUNNING, Effect, Exchange
 from axistwin_conformance.families.mn400 import codec, lenient, safety, snapshot, words
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
@@ -75,43 +74,21 @@ class Mn400(Family):
             return Exchange(told, effect)
         is_refused = any(part.code in REFUSALS for part in codec.packets(reply)[0])
         sets, needs = words.touched(rule, packet.text)
+        effect = Effect.MOTION if RUNNING in (sets or ()) else effect
         return Exchange(told, effect, is_refused=is_refused, sets=sets, needs=needs)
 
     def driver(self, session: Session, address: int | None = None) -> BoardDriver:
         """A board on the line."""
         return BoardDriver(session, address)
 
-    def identify(self, session: Session) -> Identity:
-        """See `snapshot.identify`."""
-        return snapshot.identify(session)
-
-    def is_alive(self, session: Session) -> bool:
-        """See `snapshot.sanity`."""
-        return snapshot.sanity(session)
-
-    def stop(self, session: Session) -> None:
-        """See `snapshot.stop`."""
-        snapshot.stop(session)
-
-    def remember(self, session: Session) -> BoardSnapshot:
-        """See `snapshot.remember`."""
-        return snapshot.remember(session)
-
-    def restore(self, session: Session, memory: BoardSnapshot) -> tuple[str, ...]:
-        """See `snapshot.restore`."""
-        return snapshot.restore(session, memory)
-
-    def kept(self, memory: BoardSnapshot) -> Mapping[str, Any]:
-        """Counters, feed hold and the stored program."""
-        return memory.as_object()
-
-    def memory_of(self, held: Mapping[str, Any]) -> BoardSnapshot:
-        """See `BoardSnapshot.from_object`."""
-        return BoardSnapshot.from_object(held)
-
-    def would_lose(self, session: Session, data: bytes) -> str:
-        """Why a program must not be stored; see `snapshot.would_lose`."""
-        return snapshot.would_lose(session, data)
+    identify = staticmethod(snapshot.identify)
+    is_alive = staticmethod(snapshot.sanity)
+    stop = staticmethod(snapshot.stop)
+    remember = staticmethod(snapshot.remember)
+    restore = staticmethod(snapshot.restore)
+    kept = staticmethod(BoardSnapshot.as_object)
+    memory_of = staticmethod(BoardSnapshot.from_object)
+    would_lose = staticmethod(snapshot.would_lose)
 
     def forbid(self, session: Session, data: bytes) -> str | None:
         """Why these bytes must not be sent; see `safety`.  What they set is noted, to be put

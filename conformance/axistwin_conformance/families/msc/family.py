@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Family, Violation
-from axistwin_conformance.core.identity import Identity, Model
+from axistwin_conformance.core.identity import Model
 from axistwin_conformance.core.lenient import Lenient
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import Effect, Exchange
@@ -98,33 +98,13 @@ class Msc(Family):
         """A unit on the line."""
         return MscDriver(session, address)
 
-    def identify(self, session: Session) -> Identity:
-        """See `snapshot.identify`."""
-        return snapshot.identify(session)
-
-    def is_alive(self, session: Session) -> bool:
-        """See `snapshot.sanity`."""
-        return snapshot.sanity(session)
-
-    def stop(self, session: Session) -> None:
-        """See `snapshot.stop`."""
-        snapshot.stop(session)
-
-    def remember(self, session: Session) -> MscSnapshot:
-        """See `snapshot.remember`."""
-        return snapshot.remember(session)
-
-    def restore(self, session: Session, memory: MscSnapshot) -> tuple[str, ...]:
-        """See `snapshot.restore`."""
-        return snapshot.restore(session, memory)
-
-    def kept(self, memory: MscSnapshot) -> Mapping[str, Any]:
-        """Variables and flags, of all units."""
-        return memory.as_object()
-
-    def memory_of(self, held: Mapping[str, Any]) -> MscSnapshot:
-        """See `MscSnapshot.from_object`."""
-        return MscSnapshot.from_object(held)
+    identify = staticmethod(snapshot.identify)
+    is_alive = staticmethod(snapshot.sanity)
+    stop = staticmethod(snapshot.stop)
+    remember = staticmethod(snapshot.remember)
+    restore = staticmethod(snapshot.restore)
+    kept = staticmethod(MscSnapshot.as_object)
+    memory_of = staticmethod(MscSnapshot.from_object)
 
     def forbid(self, session: Session, data: bytes) -> str | None:
         """Why these bytes must not be sent; see `safety`."""

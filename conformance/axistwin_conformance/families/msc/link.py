@@ -187,7 +187,7 @@ class MscLink:
             is_so,
             names,
             f"{text} to {what}",
-            lambda: replace(exchange.observed(), wanted=f"{text} ({what})"),
+            lambda: replace(exchange.observed(), wanted=f"{text} to {what}"),
         )
         self.nothing_more(names, what)
         return exchange

@@ -27,6 +27,9 @@ class BoardState(Enum):
     THR = "waiting for pulses"
     ABT = "aborted"
 
+    __hash__ = object.__hash__
+    """Sought in the table for each line: that of the name takes ten times as long."""
+
 
 class Treatment(Enum):
     """What becomes of a command."""

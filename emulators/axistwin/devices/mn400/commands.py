@@ -30,7 +30,7 @@ from axistwin.devices.mn400.grammar import (
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.link.packets import REASONS, ReturnCode
-from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin, Port, status_part
+from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin, Port, started, status_part
 from axistwin.devices.mn400.link.sender import Message, ReplyPart
 from axistwin.devices.mn400.mover import MotionOutcome, Mover, QueueFullError, Waiting
 from axistwin.devices.mn400.orders import MotionOrder, StoredSegment, change_of
@@ -62,6 +62,10 @@ _ENDINGS: Final[Mapping[MotionOutcome, ReturnCode]] = {
     "quit": ReturnCode.MOVE_STOPPED,
 }
 """How a motion ended, where that is answered (``motion_done``)."""
+_LETTERS: Final = bytes(range(256)).upper().decode("latin-1")
+"""The commands that bytes stand for."""
+_OUT_OF_PLACE: Final = (Treatment.MOVE_PENDING, Treatment.INVALID)
+_UNREAD: Final = (Treatment.BUSY, Treatment.STORED, Treatment.INVALID_LINE)
 _ANSWERED_LATE: Final = (Origin.SERIAL, Origin.USB, Origin.CONFIG)
 
 
@@ -98,6 +102,7 @@ class Interpreter:
         self.readout = ReadOut(quirks, port, inputs, mover, jogger, store)
         self._commands = commands(quirks)
         self._ends = _ENDS[quirks.eof_byte]
+        self._packed_ends = self._ends.decode() if quirks.eof_framing != "raw" else ""
         self._acts: dict[str, Callable[[BoardLine, Arguments], ReturnCode | None]] = {
             "|": self._clear_exit_code,
             "C": self._control,
@@ -135,13 +140,12 @@ class Interpreter:
 
     def state(self, letter: str = "", origin: Origin = Origin.SERIAL) -> BoardState:
         """The column of the table that judges ``letter``."""
-        mover, is_own = self._mover, origin is Origin.PROGRAM
         if self.entry in ("program", "config"):
             return BoardState.PRG if self.entry == "program" else BoardState.CFG
         if self.pending is not None:
             return BoardState.HPD
-        if self.program is not None and (not is_own or letter in _NOT_OWN):
-            return BoardState.PAU if mover.is_paused else BoardState.RUN
+        if self.program is not None and (origin is not Origin.PROGRAM or letter in _NOT_OWN):
+            return BoardState.PAU if self._mover.is_paused else BoardState.RUN
         if self.entry == "contour":
             return BoardState.CCB
         return self._moving_state(letter)
@@ -171,10 +175,13 @@ class Interpreter:
 
     def obey(self, now: Nanos, payload: bytes, origin: Origin, is_for_all: bool = False) -> Answer:
         """Judge and obey one line, at least one character."""
-        sent = payload.replace(b" ", b"") if self._quirks.space_policy == "skip" else payload
-        first = (sent or payload)[:1]
-        letter = chr(first.upper()[0])
-        command = first[0] if self._quirks.echo_case == "as_sent" else ord(letter)
+        sent = payload
+        if b" " in payload and self._quirks.space_policy == "skip":
+            sent = payload.replace(b" ", b"")
+        command = (sent or payload)[0]
+        letter = _LETTERS[command]
+        if self._quirks.echo_case != "as_sent":
+            command = ord(letter)
         line = BoardLine(now, command, sent[1:], payload, origin, is_for_all)
         try:
             return self._answer(line, letter)
@@ -207,22 +214,20 @@ class Interpreter:
 
     def _started(self, line: BoardLine, code: ReturnCode) -> Answer:
         """START and ``code``, which may have to wait for the end of a motion (rule 3)."""
-        start = self._status(line.command, ReturnCode.START)
         waiting = self._unanswered
         if waiting and code is ReturnCode.DONE and any(waits is line for _, waits in waiting):
-            return Answer([start], code)
-        if code is ReturnCode.DONE and self._quirks.move_abort_use == "while_aborted":
-            code = ReturnCode.MOVE_ABORT if self._mover.is_aborted else code
-        return Answer([start, self._status(line.command, code)], code)
+            return Answer([self._status(line.command, ReturnCode.START)], code)
+        if self._mover.is_aborted and self._quirks.move_abort_use == "while_aborted":
+            code = ReturnCode.MOVE_ABORT if code is ReturnCode.DONE else code
+        return started(self._port.address, line.command, code)
 
     def _answer(self, line: BoardLine, letter: str) -> Answer:
         """Judge a line (rule 1).  Raises what ``obey`` tells."""
         quirks = self._quirks
         is_entered = self.entry in ("program", "config")
-        is_kept = is_entered and quirks.retransmit_in_entry == "store"
-        if letter == "&" and not is_kept:
+        if letter == "&" and not (is_entered and quirks.retransmit_in_entry == "store"):
             return self._repeat(line)
-        if letter.encode("latin-1") in self._ends and quirks.eof_framing != "raw":
+        if letter in self._packed_ends:
             if self.entry == "program":
                 return self.end_entry(line)
             raise _unknown(is_entered)
@@ -234,12 +239,12 @@ class Interpreter:
         if letter == "&":
             return self._store_line(line)
         treatment = TABLE[letter, self.state(letter, line.origin)]
-        if treatment is Treatment.MOVE_PENDING:
+        if treatment in _OUT_OF_PLACE:
+            if treatment is Treatment.INVALID:
+                return self._unsupported(line, known)
             if letter not in quirks.movepending_exempt:
                 return self._started(line, ReturnCode.MOVEPENDING)
             treatment = Treatment.NOW
-        if treatment is Treatment.INVALID:
-            return self._unsupported(line, known)
         return self._treat(line, known, treatment)
 
     def _unsupported(self, line: BoardLine, known: BoardCommand) -> Answer:
@@ -256,29 +261,31 @@ class Interpreter:
 
     def _treat(self, line: BoardLine, known: BoardCommand, treatment: Treatment) -> Answer:
         """Do what the table says."""
-        if treatment is Treatment.BUSY:
-            raise Refusal(ReturnCode.BUSY)
-        if treatment is Treatment.STORED:
-            return self._store_line(line)
-        if treatment is Treatment.INVALID_LINE:
-            if self._quirks.prog_check == "run":
-                return self._store_line(line)
-            raise Refusal(ReturnCode.INVALIDPROGCOMM)
+        if treatment in _UNREAD:
+            return self._leave_unread(line, treatment)
         given = arguments(known, line.text, self._quirks)
-        if treatment is Treatment.NOTHING_PENDING:
-            return self._started(line, ReturnCode.NOMOVEPENDING)
+        if treatment is Treatment.POLL:
+            return self._started(line, ReturnCode.PRESENT)
         if treatment is Treatment.VALUE:
             return self.readout.value(line, known.letter, given)
         if treatment is Treatment.LISTING:
             return self.readout.listing(line)
-        if treatment is Treatment.POLL:
-            return self._started(line, ReturnCode.PRESENT)
+        if treatment is Treatment.NOTHING_PENDING:
+            return self._started(line, ReturnCode.NOMOVEPENDING)
         if treatment is Treatment.BAUD:
             return self._set_rate(line, given)
         if known.letter == "=":
             return self._set_address(line, given)
         code = self._act(line, known, given, treatment)
         return self._started(line, ReturnCode.DONE if code is None else code)
+
+    def _leave_unread(self, line: BoardLine, treatment: Treatment) -> Answer:
+        """Refuse or store a line, whatever its parameters are."""
+        if treatment is Treatment.BUSY:
+            raise Refusal(ReturnCode.BUSY)
+        if treatment is Treatment.INVALID_LINE and self._quirks.prog_check != "run":
+            raise Refusal(ReturnCode.INVALIDPROGCOMM)
+        return self._store_line(line)
 
     def _act(
         self, line: BoardLine, known: BoardCommand, given: Arguments, treatment: Treatment
@@ -327,7 +334,10 @@ class Interpreter:
 
     def late_answers(self) -> list[tuple[BoardLine, ReplyPart]]:
         """What is to be told of motions that are over, and to whom (rule 3)."""
-        ended, self._mover.ended = self._mover.ended, []
+        ended = self._mover.ended
+        if not ended:
+            return []
+        self._mover.ended = []
         answers = []
         for over, outcome in ended:
             waiting = [

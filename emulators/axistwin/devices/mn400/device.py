@@ -20,7 +20,7 @@ Rules
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -69,6 +69,8 @@ _SILENT_ON_USB: Final = (
     ReturnCode.MOVE_ABORT,
     ReturnCode.BAUDCHANGEOK,
 )
+_FLAWLESS, _SERIAL, _USB = Flaw.NONE, Origin.SERIAL, Origin.USB
+"""Compared for each line: as an attribute of its class a member takes ten times as long."""
 _FLAW_CODES: Final = {
     Flaw.TOO_LONG: ReturnCode.SLAVEBUFFOV,
     Flaw.CHECKSUM: ReturnCode.CHKSUMERROR,
@@ -137,6 +139,8 @@ class Mn400Board:
         self.jogger = Jogger(quirks, self.inputs, self.mover)
         self.address = 1
         self._rate = 0
+        self.line_format = _FORMATS[0]
+        """The rate now, 8N1 (MN4-PHY-01, MN4-PHY-02)."""
         self._delay_ns = quirks.response_delay_ms * NS_PER_MS + skew_ns
         self._is_paced = True
         self.interpreter = Interpreter(
@@ -177,15 +181,10 @@ class Mn400Board:
 
     # -- the serial line --
 
-    @property
-    def line_format(self) -> LineFormat:
-        """The rate now, 8N1 (MN4-PHY-01, MN4-PHY-02)."""
-        return _FORMATS[self._rate]
-
     def set_rate(self, number: int) -> None:
         """Set the rate, 0..4; if it changes, what there is of a packet is forgotten."""
         if number != self._rate:
-            self._rate = number
+            self._rate, self.line_format = number, _FORMATS[number]
             self._receiver.reset()
 
     def quiet_prefix(self, data: bytes) -> int:
@@ -208,34 +207,40 @@ class Mn400Board:
 
     def _serve(self, request: Request) -> None:
         """Judge one packet (ledger §2.7, from step 3)."""
-        now, payload, interpreter = request.time_ns, request.payload, self.interpreter
-        number, letter = self.address, chr(payload[:1].upper()[0]) if payload else ""
-        command = payload[0] if payload else 0
-        if letter and self.quirks.echo_case == "upper":
-            command = ord(letter)
-        answer: Answer | None = None
-        if request.is_raw:
-            answer = interpreter.end_entry(BoardLine(now, command, b"", b"", Origin.SERIAL))
-        elif request.flaw is Flaw.NONE:
-            answer = interpreter.obey(now, payload, Origin.SERIAL, request.is_for_all)
-        elif request.flaw in _FLAW_CODES:
-            code = _FLAW_CODES[request.flaw]
-            answer = interpreter.refusal(command, code, payload, is_alone=True)
-        elif self.quirks.timeout_reply:
-            is_told = bool(payload) or self.quirks.timeout_without_command == "zero"
-            refusal = interpreter.refusal(command, ReturnCode.TIMEOUT, payload, is_alone=True)
-            answer = refusal if is_told else None
+        now, payload, flaw, is_for_all, is_raw = request
+        number = self.address
+        answer: Answer | None
+        if flaw is _FLAWLESS and not is_raw:
+            answer = self.interpreter.obey(now, payload, _SERIAL, is_for_all)
+        else:
+            answer = self._answer_to_rest(request)
         if answer is None:
             return
-        is_poll = letter == "*" and request.flaw is Flaw.NONE
-        policy = self.quirks.broadcast_reply
-        if request.is_for_all and not is_poll and policy == "poll_only":
+        is_poll = payload[:1] == b"*" and flaw is _FLAWLESS
+        policy = self.quirks.broadcast_reply if is_for_all else ""
+        if policy == "poll_only" and not is_poll:
             return
         start_ns = now + self._delay_ns
-        is_slotted = is_poll or (request.is_for_all and policy == "staggered")
-        if is_slotted and number > 1:
+        if number > 1 and (is_poll or policy == "staggered"):
+            letter = payload[:1].upper().decode()
             start_ns += (number - 1) * self._slot_ns(letter, payload)
-        self._reply(start_ns, answer.parts, Origin.SERIAL)
+        self._reply(start_ns, answer.parts, _SERIAL)
+
+    def _answer_to_rest(self, request: Request) -> Answer | None:
+        """The answer to a packet with a flaw, or to the byte that ends an entry."""
+        now, payload, flaw, _, is_raw = request
+        command = payload[0] if payload else 0
+        if self.quirks.echo_case == "upper":
+            command = ord(chr(command).upper())
+        if is_raw:
+            return self.interpreter.end_entry(BoardLine(now, command, b"", b"", Origin.SERIAL))
+        if flaw in _FLAW_CODES:
+            return self.interpreter.refusal(command, _FLAW_CODES[flaw], payload, is_alone=True)
+        if not self.quirks.timeout_reply:
+            return None
+        refusal = self.interpreter.refusal(command, ReturnCode.TIMEOUT, payload, is_alone=True)
+        is_told = bool(payload) or self.quirks.timeout_without_command == "zero"
+        return refusal if is_told else None
 
     def _slot_ns(self, letter: str, payload: bytes) -> Nanos:
         """How long one board has for its reply (MN4-AMB-08, MN4-DROP-04)."""
@@ -260,12 +265,12 @@ class Mn400Board:
 
     # -- replies --
 
-    def _reply(self, start_ns: Nanos, parts: list[ReplyPart], origin: Origin) -> None:
+    def _reply(self, start_ns: Nanos, parts: Sequence[ReplyPart], origin: Origin) -> None:
         """Send a reply to where the command came from (MN4-PHY-05)."""
         is_both = self.quirks.reply_transport == "both"
-        if origin is not Origin.USB or is_both:
+        if origin is not _USB or is_both:
             self._serial.send(start_ns, parts)
-        if origin is Origin.USB or (is_both and origin is Origin.SERIAL):
+        if origin is _USB or (is_both and origin is _SERIAL):
             self._usb.send(start_ns, parts)
 
     def last_message(self, origin: Origin) -> Message | None:
@@ -273,13 +278,13 @@ class Mn400Board:
         return (self._usb if origin is Origin.USB else self._serial).last
 
     def _send_packet(self, start_ns: Nanos, message: Message) -> Nanos:
-        if message.value is None:
-            data = packets.status(message.address, message.command, message.code, self.quirks)
+        address, command, code, value = message
+        if value is None:
+            data = packets.status(address, command, code, self.quirks)
         else:
-            address, command, _, value = message
-            data = packets.data_packet(address, command, value or "", self.quirks)
+            data = packets.data_packet(address, command, value, self.quirks)
         self._effects.append(Transmit(start_ns, data))
-        return start_ns + (_FORMATS[self._rate].span_ns(len(data)) if self._is_paced else 0)
+        return start_ns + (self.line_format.span_ns(len(data)) if self._is_paced else 0)
 
     def _send_report(self, start_ns: Nanos, message: Message) -> Nanos | None:
         """Rule 4, MN4-AMB-50."""
@@ -338,23 +343,24 @@ class Mn400Board:
 
     def _settle(self, now: Nanos) -> None:
         """Run the lines of the program that are due; store, send and report what has changed."""
-        for line, part in self.interpreter.late_answers():
+        interpreter = self.interpreter
+        for line, part in interpreter.late_answers():
             is_slotted = line.is_for_all and self.quirks.broadcast_reply == "staggered"
             slot_ns = self._slot_ns(chr(line.command), line.raw) if is_slotted else 0
             self._reply(now + (self.address - 1) * slot_ns, [part], line.origin)
-        parts = self.interpreter.run_program(now)
+        parts = interpreter.run_program(now)
         if parts:
             self._serial.send(now + self._delay_ns, parts)
-        if self.interpreter.cells:
-            self._effects.append(Store(tuple(self.interpreter.cells)))
-            self.interpreter.cells.clear()
-        if self.interpreter.refused:
-            self._effects.extend(Refused(now, reason) for reason in self.interpreter.refused)
-            self.interpreter.refused.clear()
+        if interpreter.cells:
+            self._effects.append(Store(tuple(interpreter.cells)))
+            interpreter.cells.clear()
+        if interpreter.refused:
+            self._effects.extend(Refused(now, reason) for reason in interpreter.refused)
+            interpreter.refused.clear()
         for sender in self._senders:
             if sender.parts:
                 sender.run(now)
-        state = self.interpreter.state()
+        state = interpreter.state()
         if state is not self._shown_state:
             self._shown_state = state
             self._effects.append(StateChanged(now, state.name, state.value))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.retry import RETRY
@@ -88,17 +87,13 @@ class AxisFamily(Family):
     def _indices(self, data: bytes) -> Iterable[int]:
         """The index of every command in these bytes that some reading would obey."""
 
-    def is_alive(self, session: Session) -> bool:
-        """See `snapshot.sanity`."""
-        return snapshot.sanity(session)
-
-    def stop(self, session: Session) -> None:
-        """See `snapshot.stop`."""
-        snapshot.stop(session)
-
-    def remember(self, session: Session) -> AxisSnapshot:
-        """See `snapshot.remember`."""
-        return snapshot.remember(session)
+    is_alive = staticmethod(snapshot.sanity)
+    stop = staticmethod(snapshot.stop)
+    remember = staticmethod(snapshot.remember)
+    unsure = staticmethod(snapshot.unsure)
+    would_lose = staticmethod(snapshot.would_lose)
+    kept = staticmethod(AxisSnapshot.as_object)
+    memory_of = staticmethod(AxisSnapshot.from_object)
 
     def restore(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
         """See `snapshot.restore`; before a check that moves the settings of `AxisMotion.ready`
@@ -117,22 +112,6 @@ class AxisFamily(Family):
         self, session: Session, request: bytes, reply: bytes, after_ns: int
     ) -> Lenient | None:
         """The same, of a reply that came so long after the request."""
-
-    def unsure(self, session: Session, memory: AxisSnapshot) -> tuple[str, ...]:
-        """See `snapshot.unsure`."""
-        return snapshot.unsure(session, memory)
-
-    def would_lose(self, session: Session, data: bytes) -> str:
-        """See `snapshot.would_lose`."""
-        return snapshot.would_lose(session, data)
-
-    def kept(self, memory: AxisSnapshot) -> Mapping[str, Any]:
-        """Position and parameters, of the neighbours as well."""
-        return memory.as_object()
-
-    def memory_of(self, held: Mapping[str, Any]) -> AxisSnapshot:
-        """See `AxisSnapshot.from_object`."""
-        return AxisSnapshot.from_object(held)
 
     def forbid(self, session: Session, data: bytes) -> str | None:
         """Why these bytes must not be sent: an index of a class that the check did not declare."""

@@ -16,9 +16,8 @@ def _input(name: str, close: str, leave: str) -> RigControl:
     return RigControl(name, name, words, orders, done, f"inputs.{name}", "input", is_optional=True)
 
 
-def _fault(name: str, words: str, fault: str) -> RigControl:
-    noun = name.replace("_", " ")
-    orders = (f"Let there be this fault: {noun}.", f"End the fault: {noun}.")
+def _fault(name: str, words: str, order: str, fault: str) -> RigControl:
+    orders = (order, f"End the fault: {name.replace('_', ' ')}.")
     done = f"the fault began: {fault}", f"the fault ended: {fault}"
     return RigControl(name, name, words, orders, done, f"faults.{name}", "fault")
 
@@ -42,9 +41,19 @@ AXIS_CONTROLS: Final = rig_controls(
         ("the shaft was held", "the shaft was released"),
         "load.held",
     ),
-    _fault("micro_cut", "makes a micro-cut of the supply", "power line disturbance"),
-    _fault("amplifier", "makes the amplifier report a fault", "amplifier fault"),
-    _fault("encoder", "takes the encoder away", "encoder fault"),
+    _fault(
+        "micro_cut",
+        "makes a micro-cut of the supply",
+        "Interrupt the supply so briefly that the module does not restart.",
+        "power line disturbance",
+    ),
+    _fault(
+        "amplifier",
+        "makes the amplifier report a fault",
+        "Make the amplifier report a fault.",
+        "amplifier fault",
+    ),
+    _fault("encoder", "takes the encoder away", "Disconnect the encoder.", "encoder fault"),
     *(_input(name, *CONTACT) for name in ("reference", "positive_stop", "negative_stop")),
     _input("reset", "Hold the {} input low.", "Release the {} input."),
     RigControl(

@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise
 from typing import Final
 
 from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.core.session import Requirements
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400.client import BoardExchange
 from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.model.board import BoardModel
@@ -181,8 +183,25 @@ class BoardMotion:
         place = self.model.where(self.widened(now))
         self._plot(counters, now, place)
         is_right = all(low <= one <= high for one, (low, high) in zip(counters, place, strict=True))
-        self.session.expect(is_right, requirement, told(place), counters, "read by E")
+        self.session.expect(
+            is_right, requirement, told(place), partial(self._seen, counters, place)
+        )
         return counters
+
+    def _seen(self, counters: Sequence[int], place: Place, when: str = "on") -> Observation:
+        """Where the axes were, and on which motion, in words."""
+        settings, motions = self.model.settings, self.model.timeline.motions
+        start, end, acceleration = settings.profile
+        coordinates = "absolute" if settings.is_absolute else "relative"
+        way = f", {when} the motion from {told(motions[0].base)} to" if motions else ", at rest at"
+        return Observation(
+            f"{REQUEST} read {', '.join(map(str, counters))}",
+            value=str(counters),
+            wanted=f"{told(place)}{way} {told(self.end)} in {coordinates} coordinates, at"
+            f" {settings.speed} steps/s (V) and with F{start},{end},{acceleration}; DONE says that"
+            " it was taken, not that it is over",
+            is_whole=False,
+        )
 
     def follow(
         self,
@@ -235,7 +254,11 @@ class BoardMotion:
             self.session.expect(
                 not is_late, time, f"{told(self.end)} by then", before, "it came there later"
             )
-        self.session.expect(inside(counters, self.end), end, told(self.end), counters, "at the end")
+        is_right, shown = (
+            inside(counters, self.end),
+            partial(self._seen, counters, self.end, "after"),
+        )
+        self.session.expect(is_right, end, told(self.end), shown)
         self.model.observe(counters)
         return counters
 

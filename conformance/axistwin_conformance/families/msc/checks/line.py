@@ -159,9 +159,14 @@ def each_unit_answers_its_own_number_only(session: Session) -> None:
             names = ("MSC-PKT-18", "MSC-PKT-05", *(() if is_wrong else ("MSC-PHY-02",)))
             seen = exchange.observed()
             if exchange.is_acked and reply is not None:
+                other = (
+                    f", which is on the line as well: unit {reply.unit} answered, or unit {unit}"
+                    " with a wrong number (alone on the line it shows which)"
+                )
                 seen = replace(
                     seen,
-                    clause=f"the reply to {REQUEST} carried unit number {reply.unit}",
+                    clause=f"the reply to {REQUEST} carried unit number {reply.unit}"
+                    f"{other if reply.unit in present else ''}",
                     wanted=f"unit number {unit}",
                 )
             session.expect(is_own, names, f"one reply of unit {unit}", seen)

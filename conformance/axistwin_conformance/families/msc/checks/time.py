@@ -21,6 +21,15 @@ ORDER = 30  # of this module in a run; see `Family.modules`
 LISTEN_S: Final = 60.0  # costs nothing in virtual time
 LISTEN_REAL_S: Final = 2.0
 LONGEST_PACKET_NS: Final = 258_400_000  # MSC-LNK-17: 248 characters
+WITHOUT_GAPS: Final = (
+    "At 9600 baud with 8 data bits, no parity and 1 stop bit a byte takes 10 bits. The manual names"
+    " no gaps between bytes; so those of a reply follow one another without any."
+)
+ONE_LIMIT: Final = (
+    "A packet that does not arrive whole within the device's time limit is answered with NAK. The"
+    " manual names no time; so a device that has shown one is held to it, wherever a packet breaks"
+    " off."
+)
 MARGIN_BYTES: Final = 5  # MSC-AMB-03: how far below T1 a packet is surely in time
 REAL_CUTS: Final = (2, 5, 6, 10, 13, 14)  # of RQSTAT's 15 bytes: in each field, and their edges
 SIGNS: Final = 0x0615  # as a block number: in a packet neither is a sign, nor begins a time limit
@@ -61,10 +70,12 @@ def judge_pace(driver: MscDriver, names: Names) -> None:
         Observation(
             f"of the {count + 2} bytes that came back from {REQUEST} (ACK and packet), the end of"
             f" the last one came {took_ns / MS:.1f} ms after the end of the second one"
-            f" ({took_ns / count * 10 / driver.link.byte_ns:.1f} bits per byte)",
+            f" ({took_ns / count * 10 / driver.link.byte_ns:.1f} bits per byte: another rate,"
+            " another frame or gaps between the bytes)",
             value=f"{took_ns / MS:.1f} ms",
             wanted=f"{due_ns / MS:.1f} ms ± {spare_ns / MS:.1f} ms (10 bits per byte at 9600"
             " baud, 8N1; the tolerance is the suite's)",
+            rule=WITHOUT_GAPS,
             by_hand="this shows the bytes; measure their times with a scope or logic analyser",
         ),
     )
@@ -103,10 +114,13 @@ def judge_broken_off(driver: MscDriver, count: int) -> None:
         f"NAK to {text} {due.since(sent_ns)}",
         Observation(
             f"RQSTAT broken off after {count} of its {whole} bytes was answered with NAK"
-            f" {(came_ns - sent_ns) / MS:.1f} ms after its first byte began",
+            f" {(came_ns - sent_ns) / MS:.1f} ms after its first byte began"
+            f" ({(came_ns - sent_ns - count * driver.link.byte_ns) / MS:.1f} ms after the end"
+            " of the last one)",
             value=f"after {(came_ns - sent_ns) / MS:.1f} ms",
-            wanted=f"NAK {due.since(sent_ns)}: the manual names no time, but {shown}"
-            f" {driver.client.packet_timeout_s * 1000:.0f} ms",
+            wanted=f"NAK {due.since(sent_ns)}: {shown}"
+            f" {driver.client.packet_timeout_s * 1000:.0f} ms from the first byte",
+            rule=ONE_LIMIT,
             earlier=before,
         ),
     )

@@ -111,12 +111,12 @@ def completed(data: bytes) -> bytes:
 
 def status(address: int, command: int, code: int, quirks: Mn400Quirks) -> bytes:
     """A status packet (MN4-RSP-01, MN4-RSP-13)."""
-    has_null = quirks.start_null if code in NULL_IS_SHOWN else quirks.outcome_null
-    return _status(address, command, code, has_null)
+    return _status(address, command, code, quirks.start_null, quirks.outcome_null)
 
 
 @cache
-def _status(address: int, command: int, code: int, has_null: bool) -> bytes:
+def _status(address: int, command: int, code: int, start_null: bool, outcome_null: bool) -> bytes:
+    has_null = start_null if code in NULL_IS_SHOWN else outcome_null
     return packet(address, bytes((command, code)) + b"\x00" * has_null)
 
 

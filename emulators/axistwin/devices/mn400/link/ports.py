@@ -1,5 +1,6 @@
 """What a command is, on its way from a port to what obeys it, and its answer on the way back."""
 
+from collections.abc import Sequence
 from enum import Enum
 from functools import cache
 from typing import NamedTuple, Protocol
@@ -34,7 +35,7 @@ class Port(Protocol):
 class Answer(NamedTuple):
     """The answer to a line; code: how it ended."""
 
-    parts: list[ReplyPart]
+    parts: Sequence[ReplyPart]
     code: ReturnCode = ReturnCode.DONE
 
 
@@ -53,3 +54,10 @@ class BoardLine(NamedTuple):
 def status_part(address: int, command: int, code: ReturnCode) -> ReplyPart:
     """A status packet, which says the same whenever it is sent."""
     return ReplyPart(Message(address, command, code))
+
+
+@cache
+def started(address: int, command: int, code: ReturnCode) -> Answer:
+    """START and ``code``: most answers."""
+    start = status_part(address, command, ReturnCode.START)
+    return Answer((start, status_part(address, command, code)), code)

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Final, NamedTuple
 
-from axistwin.devices.mn400.link.packets import ADDRESS_BIT, EVERYBODY
+from axistwin.devices.mn400.link.packets import ADDRESS_BIT
 from axistwin.devices.mn400.quirks import Mn400Quirks
 from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import NS_PER_MS, Nanos
@@ -50,6 +50,15 @@ class Request(NamedTuple):
     flaw: Flaw = Flaw.NONE
     is_for_all: bool = False
     is_raw: bool = False
+
+
+class _Whole(NamedTuple):
+    """``data``, a packet and nothing else, taken apart."""
+
+    data: bytes
+    opening: int
+    payload: bytes
+    flaw: Flaw
 
 
 class _Frame:
@@ -129,7 +138,7 @@ class PacketReceiver:
         self._is_doubtful = quirks.mn100_codes
         self._ends_packets = quirks.eof_framing == "packet"
         self._frame = _Frame(self._payload_max, is_doubtful=self._is_doubtful)
-        self._last_whole = b""
+        self._last_whole = _Whole(b"", 0, b"", Flaw.NONE)
         self.due_ns = NEVER
         """When the packet is given up."""
 
@@ -150,9 +159,14 @@ class PacketReceiver:
 
     def receive(self, chunk: Chunk) -> list[Request]:
         """Take the bytes of ``chunk``; the packets for this board that are complete now."""
-        if self._is_whole(chunk.data):
+        whole = self._whole(chunk.data)
+        if whole is not None:
             self.due_ns = NEVER
-            return self._taken_whole(chunk)
+            data, opening, payload, flaw = whole
+            if not self._concerns(opening):
+                return []
+            at_ns = chunk.arrival_ns(len(data) - 1)
+            return [Request(at_ns, payload, flaw, opening == ADDRESS_BIT)]
         requests = []
         frame, raw = self._frame, self._ends_raw()
         for place, byte in enumerate(chunk.data):
@@ -168,34 +182,25 @@ class PacketReceiver:
         self.due_ns = last_ns + self._timeout_ns if frame.opening else NEVER
         return requests
 
-    def _is_whole(self, data: bytes) -> bool:
-        """Whether ``data`` is a packet and nothing else, whatever the readings."""
+    def _whole(self, data: bytes) -> _Whole | None:
+        """``data`` taken apart, if it is a packet and nothing else, whatever the readings."""
         if self._frame.opening or self._is_doubtful:
-            return False
+            return None
         if not self._ends_packets and self._ends_raw():
-            return False
-        if data != self._last_whole:  # hosts ask the same again and again
+            return None
+        if data != self._last_whole.data:  # hosts ask the same again and again
             if _WHOLE.fullmatch(data) is None:
-                return False
-            self._last_whole = data
-        return True
-
-    def _taken_whole(self, chunk: Chunk) -> list[Request]:
-        """The packet that ``chunk`` is, if it is for this board."""
-        opening, payload = chunk.data[0], chunk.data[1:-2]
-        if not self._concerns(opening):
-            return []
-        flaw = Flaw.NONE
-        if len(payload) > self._payload_max:
-            payload, flaw = payload[: self._payload_max], Flaw.TOO_LONG
-        elif sum(chunk.data[:-1]) & 0x7F != chunk.data[-1]:
-            flaw = Flaw.CHECKSUM
-        at_ns = chunk.arrival_ns(len(chunk.data) - 1)
-        return [Request(at_ns, payload, flaw, opening == ADDRESS_BIT)]
+                return None
+            payload, flaw = data[1:-2], Flaw.NONE
+            if len(payload) > self._payload_max:
+                payload, flaw = payload[: self._payload_max], Flaw.TOO_LONG
+            elif sum(data[:-1]) & 0x7F != data[-1]:
+                flaw = Flaw.CHECKSUM
+            self._last_whole = _Whole(data, data[0], payload, flaw)
+        return self._last_whole
 
     def _concerns(self, opening: int) -> bool:
-        number = opening & ~ADDRESS_BIT
-        return number == EVERYBODY or number == self._address()
+        return opening == ADDRESS_BIT or opening == ADDRESS_BIT | self._address()
 
     def _complete(self, now: Nanos, given: int) -> Request:
         """The packet is complete, with ``given`` as its sum."""
@@ -211,8 +216,9 @@ class PacketReceiver:
 
     def quiet_prefix(self, data: bytes) -> int:
         """How many leading bytes of ``data`` complete no packet for this board."""
-        if self._is_whole(data):
-            return len(data) - self._concerns(data[0])
+        whole = self._whole(data)
+        if whole is not None:
+            return len(data) - self._concerns(whole.opening)
         frame, raw = self._frame.copy(), self._ends_raw()
         for place, byte in enumerate(data):
             if not frame.opening and byte in raw:

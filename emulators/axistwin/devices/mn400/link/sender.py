@@ -10,7 +10,7 @@ Rules
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
 from axistwin.kernel.schedule import NEVER
@@ -68,38 +68,39 @@ class ReplySender:
         """When the last message has left."""
         return self._free_ns
 
-    def send(self, start_ns: Nanos, parts: list[ReplyPart]) -> None:
+    def send(self, start_ns: Nanos, parts: Sequence[ReplyPart]) -> None:
         """Send ``parts``, the first one at ``start_ns`` at the earliest."""
         for part in parts:
             self.parts.append((start_ns, part))
 
-    def _start(self) -> Nanos:
-        """When the next part may leave."""
-        earliest, part = self.parts[0]
-        return max(earliest, self._free_ns + part.wait_ns)
-
     def next_event(self) -> Nanos:
         """When the next part is to be made."""
-        return max(self._start(), self._not_before) if self.parts else NEVER
+        if not self.parts:
+            return NEVER
+        earliest_ns, part = self.parts[0]
+        return max(earliest_ns, self._free_ns + part.wait_ns, self._not_before)
 
     def run(self, now: Nanos) -> None:
         """Send what can be sent at ``now``."""
         has_sent = False
-        while self.parts:
-            start_ns, (_, part) = self._start(), self.parts[0]
+        parts = self.parts
+        while parts:
+            start_ns, (given, wait_ns) = parts[0]
+            if self._free_ns + wait_ns > start_ns:
+                start_ns = self._free_ns + wait_ns
             message: Message | None
-            if isinstance(part.message, Message):
+            if isinstance(given, Message):
                 if start_ns > now and not self._is_ahead:
                     return
-                message = part.message
+                message = given
             elif start_ns > now or self._not_before > now:
                 return
             elif has_sent:  # the rate may change: not within the call that sends the one before
                 self._not_before = now + 1
                 return
             else:
-                message = part.message(start_ns)
-            self.parts.popleft()
+                message = given(start_ns)
+            parts.popleft()
             self._free_ns = start_ns
             left_ns = None if message is None else self._send_message(start_ns, message)
             if left_ns is not None:

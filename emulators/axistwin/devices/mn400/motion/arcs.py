@@ -33,6 +33,9 @@ from axistwin.kernel.time import Nanos
 TAIL_MAX = 4
 """How many ticks before the end the tail may begin."""
 
+SURELY = 1 / 256
+"""Of a step: so near to one, and rounding decides whether it is made (it is far less)."""
+
 Point = tuple[int, int]
 
 
@@ -120,7 +123,7 @@ class ArcPath:
         circle = self.turn.circle
         before, most, start = self._on_circle[shift]
         on_circle = min(n, most)
-        here = circle.across(circle.tick_of(before + on_circle)) if on_circle else start
+        here = circle.after(before + on_circle) if on_circle else start
         on_tail = self.tail.displacement(_tail_axis(shift), n - on_circle)
         return self._mirror(shift) * (here - start + on_tail)
 
@@ -201,7 +204,11 @@ class ArcPath:
         if sweep and not self.is_by_angle:
             first, start, whole = self._smooth
             share = (circle.smooth_angle(first + whole * share) - start) / sweep
-        n, last = int(abs(self.traverse) * share + 0.5), abs(self.traverse)
+        last = abs(self.traverse)
+        n, beyond = divmod(last * share + 0.5, 1)
+        n = int(n)
+        if SURELY < beyond < 1 - SURELY:
+            return n
         while n < last and self._place_of_traverse(n + 1) <= x:
             n += 1
         while n and self._place_of_traverse(n) > x:

@@ -67,6 +67,11 @@ class LatticeCircle:
             return base + self.quarter + 1 - self._first_at(self.top - inner)
         return base + self._first_at(inner + 1)
 
+    def after(self, n: int) -> int:
+        """x after its first ``n`` steps from the top."""
+        number, inner = divmod(n, self.top)
+        return SIGNS[number % 4] * (self.top - inner if number % 2 else inner)
+
     def heading(self, n: int) -> int:
         """Direction of x's ``n``-th step from the top."""
         return (1, -1, -1, 1)[(n - 1) // self.top % 4]

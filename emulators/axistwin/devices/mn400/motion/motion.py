@@ -77,8 +77,11 @@ class VectorMotion:
 
     def position_at(self, now_ns: Nanos) -> Quad:
         """The displacement so far, in steps."""
-        counts, x = self._displacement, self._x_at(now_ns)
-        return _quad(lambda axis: counts(axis, self._taken(axis, now_ns, x)))
+        chain, x, counts = self.chain, self._x_at(now_ns), self.settings.rules.backlash_counts
+        first, second, third, fourth = [
+            chain.displacement(axis, self._taken(axis, now_ns, x), counts) for axis in AXES
+        ]
+        return first, second, third, fourth
 
     def remaining_at(self, now_ns: Nanos) -> Quad:
         """Commanded steps that are left, net and signed."""
@@ -238,7 +241,9 @@ class VectorMotion:
         for pace in self.paces:
             if pace.start_ns is None or pace.start_ns > now_ns:
                 break
-            x = max(x, pace.x_at(now_ns))
+            reached = pace.x_at(now_ns)
+            if reached > x:
+                x = reached
         return x
 
     def _taken(self, axis: int, now_ns: Nanos, x: int | None = None) -> int:
@@ -248,10 +253,10 @@ class VectorMotion:
         """
         chain = self.chain
         x = self._x_at(now_ns) if x is None else x
-        made = self._known[axis]
-        is_done = made == chain.total(axis)
-        n = made if is_done else max(made, chain.taken(axis, x + NANOSECOND))
-        if n > made and chain.taken(axis, x - NANOSECOND) < n:
+        n = made = self._known[axis]
+        if made != chain.total(axis):
+            n = max(made, chain.taken(axis, x + NANOSECOND))
+        if n > made and chain.place(axis, n) > x - NANOSECOND:
             n = self._taken_near(axis, now_ns, max(made, chain.taken(axis, x)), made)
         last = self.halted_at[axis]
         return n if last is None else min(n, last)
@@ -287,9 +292,6 @@ class VectorMotion:
         at_ns = self._time_of(axis, n)
         assert at_ns is not None, "a step that has no time"
         return MotorStep(at_ns, *self.chain.step(axis, n))
-
-    def _displacement(self, axis: int, n: int) -> int:
-        return self.chain.displacement(axis, n, self.settings.rules.backlash_counts)
 
     def _heading(self, axis: int, now_ns: Nanos) -> int:
         n = self._taken(axis, now_ns) + 1

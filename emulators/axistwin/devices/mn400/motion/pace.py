@@ -134,7 +134,9 @@ class TimedPace:
 
     def x_at(self, now_ns: Nanos) -> int:
         """Where the motion is."""
-        return self._state_at(now_ns)[0]
+        if self.start_ns is None or now_ns < self.start_ns:
+            return self.timeline.x0
+        return self.timeline.x_at(now_ns - self.start_ns)
 
     def speed_at(self, now_ns: Nanos) -> int:
         """The speed of the timeline."""

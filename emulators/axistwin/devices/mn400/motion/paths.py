@@ -223,8 +223,10 @@ class PathChain:
             return 0
         x += self._early
         index = min(bisect_right(self.starts, x), len(self.paths)) - 1
-        path = self.paths[index]
-        return self._steps[axis][index] + path.taken(axis, x - self.starts[index])
+        steps = self._steps[axis]
+        if steps[index] == steps[-1]:  # none any more
+            return steps[index]
+        return steps[index] + self.paths[index].taken(axis, x - self.starts[index])
 
     def displacement(self, axis: int, n: int, with_compensation: bool) -> int:
         """Where the counter of ``axis`` is after ``n`` steps."""

@@ -123,15 +123,22 @@ class Timeline:
         index = bisect_left(self.glides, x, key=attrgetter("x1"))
         return max(1, nearest_ns(self.glides[index].time_of(x)))
 
+    def x_at(self, elapsed_ns: Nanos) -> int:
+        """x after ``elapsed_ns`` >= 0."""
+        t = elapsed_ns << TIME_FINE
+        index = bisect_right(self._begins, t) - 1
+        return self.x0 if index < 0 else self.glides[index].x_at(t)
+
     def state_at(self, elapsed_ns: Nanos) -> tuple[int, int]:
         """(x, speed) after ``elapsed_ns`` >= 0; speed 0 only at the final rest."""
-        t = elapsed_ns << TIME_FINE
-        index = bisect_right(self.glides, t, key=attrgetter("t0")) - 1
-        if index < 0:
-            return self.x0, 0
-        glide = self.glides[index]
-        x = glide.x_at(t)
-        return x, 0 if x == self.x1 else max(1, glide.speed_at(t))
+        x, t = self.x_at(elapsed_ns), elapsed_ns << TIME_FINE
+        index = bisect_right(self._begins, t) - 1
+        return x, 0 if index < 0 or x == self.x1 else max(1, self.glides[index].speed_at(t))
+
+    @cached_property
+    def _begins(self) -> list[int]:
+        """When each glide begins."""
+        return [glide.t0 for glide in self.glides]
 
 
 def nearest_ns(t: int) -> Nanos:

@@ -148,6 +148,8 @@ def _judge(
 ) -> None:
     kind, words = exchange.kind, STATE_WORDS[state]
     seen = driver.client.observed(exchange)
+    if state == "PO":
+        words = f"{words} {driver.motion.settings_words()}"
     seen = replace(seen, clause=f"{seen.clause} {words}")
     shown = _shown_by(driver.session, index)
     wanted = outcome_of(row.cell(state))

@@ -25,7 +25,6 @@ from axistwin_conformance.families.mac.axis.probes.motion import (
     triangle_law,
 )
 from axistwin_conformance.families.mac.axis.probing import MOVES
-from axistwin_conformance.families.mac.axis.words import pace_words
 
 ORDER = 120  # of this module in a run; see `Family.modules`
 
@@ -245,7 +244,8 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
                 partial(
                     _busy_seen,
                     exchange,
-                    pace_words(driver.client.named(0x0D), driver.motion.period),
+                    start,
+                    driver.motion.settings_words(),
                     target - highest,
                     target - lowest,
                     tolerance,
@@ -263,7 +263,8 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
 
 def _busy_seen(
     exchange: AxisExchange,
-    speed: str,
+    start: int,
+    settings: str,
     least: int,
     most: int,
     tolerance: int,
@@ -273,11 +274,14 @@ def _busy_seen(
     state = exchange.reply.data_bytes()[2]
     told, bit = ("not busy", 1) if state & BUSY else ("busy", 0)
     return Observation(
-        f"with {least}..{most} increments to go, as predicted for {speed}, and tolerance"
-        f" {tolerance} (1Ch), {REQUEST} showed {told} (cc = {state:02X}h, bit 3 = {bit})",
+        f"on the move from position {start} {settings}, with {least}..{most} increments to go, as"
+        f" predicted, and tolerance {tolerance} (1Ch), {REQUEST} showed {told}"
+        f" (cc = {state:02X}h, bit 3 = {bit})",
         value=told,
         wanted=" or ".join(
-            "busy (bit 3 = 0)" if is_busy else "not busy (bit 3 = 1)"
+            "busy (bit 3 = 0: as 27h has it, the motor does not yet follow)"
+            if is_busy
+            else "not busy (bit 3 = 1)"
             for is_busy in sorted(admissible)
         ),
         is_whole=False,

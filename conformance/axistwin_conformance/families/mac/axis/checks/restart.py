@@ -119,7 +119,7 @@ def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) ->
     driver.limits.needs_room(target + ramp_increments(1), "two ramps and some way between them")
     sent = driver.judge.accepted(0x13, target)
     whole = driver.motion.to_position(sent, start, target)
-    climb = Course.endless(driver.motion.period, 1, driver.readings.law).profile
+    climb = Course.endless(driver.motion.period, 1, driver.readings.law_of(1)).profile
     driver.client.wait_until(
         sent.taken.latest_ns + climb.ticks_of(ramp_increments(1) // 2) * TICK_NS
     )

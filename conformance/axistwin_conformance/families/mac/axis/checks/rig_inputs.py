@@ -70,12 +70,12 @@ def the_inputs_show_whatever_is_enabled(session: Session) -> None:
                         seen == ([name] if active else []),
                         ("MACS-Q-27-02", "MACS-Q-27-01"),
                         f"27h to show as active: {name if active else 'none'}",
-                        partial(_inputs_seen, name if active else "", seen),
+                        partial(_inputs_seen, name if active else "", seen, (mode, enabled)),
                     )
 
 
-def _inputs_seen(active: str, shown: list[str]) -> Observation:
-    """Which inputs 27h showed as active, with their bits, in words."""
+def _inputs_seen(active: str, shown: list[str], enabled: tuple[int, int]) -> Observation:
+    """Which inputs 27h showed as active, with their bits, in words; `enabled`: 03h and 07h."""
     wanted = [active] if active else []
     wrong = next((name for name in INPUT_BITS if (name in shown) != (name in wanted)), active)
     byte, bit = INPUT_BITS[wrong]
@@ -83,7 +83,8 @@ def _inputs_seen(active: str, shown: list[str]) -> Observation:
     only = f"with only the {_noun(active)} active" if active else "with no input active"
     did = "showed" if wrong in shown else "did not show"
     return Observation(
-        f"{only}, {REQUEST} {did} the {_noun(wrong)} as active ({letters} bit {number} ="
+        f"{only} and 03h = {enabled[0]}, 07h = {enabled[1]},"
+        f" {REQUEST} {did} the {_noun(wrong)} as active ({letters} bit {number} ="
         f" {int(wrong in shown)})",
         value=", ".join(shown) or "none",
         wanted=f"{'active' if wrong in wanted else 'not active'} ({letters} bit {number} ="
@@ -92,7 +93,7 @@ def _inputs_seen(active: str, shown: list[str]) -> Observation:
 
 
 def _noun(name: str) -> str:
-    return f"{name.replace('_', ' ')} input".replace("stop input", "end-stop input")
+    return f"{name.replace('_', ' ')} input"
 
 
 # --- hardware stops ------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ ORDER = 250  # of this module in a run; see `Family.modules`
 
 POWER: Final = ("rig:power",)
 LISTEN_S: Final = 3.0
+STORING_S: Final = 0.5  # from the last Ack to the cut: no manual says that Ack means stored
 
 # What is stored for certain: the index of the command, and a value.
 STORED: Final = {
@@ -89,7 +90,8 @@ def _kept_seen(index: int, stored: int, seen: int) -> Observation:
     """What a parameter was after a power cycle, in words."""
     known = PARAMETERS[index]
     return Observation(
-        f"after a power cycle, {REQUEST} showed the {NAMES[known.name]} {known.taken(seen)}",
+        f"after a power cycle, begun {STORING_S * 1000:.0f} ms after the last setting was accepted,"
+        f" {REQUEST} showed the {NAMES[known.name]} {known.taken(seen)}",
         value=str(seen),
         wanted=f"{known.taken(stored)}, as set by {index:02X}h before it",
         causes=(f"{index:02X}h (",),
@@ -104,6 +106,7 @@ def parameters_outlive_the_supply(session: Session) -> None:
     settings = settings_of(STORED, STORED)
     for index, parameter in settings.items():
         driver.judge.accepted(index, parameter)
+    driver.client.wait(STORING_S)
     driver.rig.power_cycle()
     for index, parameter in settings.items():
         seen = PARAMETERS[index].parameter(driver.client.parameter(index))

@@ -45,6 +45,10 @@ SIDES: Final = (
 )
 BOTH_SIDES: Final = ("MACS-STOP-03", "MACS-CMD-09-02", "MACS-CMD-0A-02")
 OVERRUN: Final = "brake_increments"
+ALIKE: Final = (
+    "Both software stops watch one counter, whichever command moves the axis; so an axis whose way"
+    " to rest does not depend on its speed comes to rest as far beyond the one as beyond the other."
+)
 
 # Every command that moves the axis, so that it would pass the stop by 40 increments or more.
 MOTION_COMMANDS: Final[Mapping[str, Callable[[AxisDriver, int, int], None]]] = {
@@ -140,26 +144,32 @@ def _overrun_seen(
     """Where a motion ended beyond a software stop, in words."""
     stop = start + side.direction * 50
     which = "superior" if side.direction > 0 else "inferior"
+    driver.client.wait(0.1)
+    last = driver.client.position()
+    there = start + side.direction * place
+    rest = "came to rest" if last == there else f"was (and 100 ms later at {last})"
     clause = (
         f"after {name} from position {start}, at {pace_words('0Dh', driver.motion.period)}"
-        f" and without a ramp (0Fh = 0), the axis came to rest {counted(place - 50, 'increment')}"
-        f" beyond the {which} software stop ({side.index:02X}h = {stop}), at {REQUEST} ="
-        f" {start + side.direction * place} increments"
+        f" and without a ramp (0Fh = 0), the axis {rest} {counted(place - 50, 'increment')}"
+        f" beyond the {which} software stop ({side.index:02X}h = {stop}), at {there}"
+        f" (read twice with {REQUEST}, 100 ms apart)"
     )
-    before = earlier(driver.session, OVERRUN, "09h")  # nothing unless it was a number
+    before = earlier(driver.session, OVERRUN, "09h", "0Dh", "0Fh")  # nothing unless it was a number
     wanted = f"{due[0] - 50}..{due[1] - 50} increments beyond it"
     if before:
         clause += (
-            f", but {due[1] - 50} beyond the superior one (09h) earlier in this run, slow and"
-            " fast alike"
+            f", but earlier in this run {due[1] - 50} beyond the superior one (09h), also set 50"
+            " ahead of the start and passed without a ramp, at two speeds alike (read until the"
+            " place no longer changed)"
         )
-        wanted = "the same distance on both sides (concluded by the suite: one rule for both stops)"
+        wanted = "the same distance on both sides"
     return Observation(
         clause,
         value=str(place),
         wanted=wanted,
         causes=tuple(f"{index} (" for index in (f"{side.index:02X}h", *name.split())),
         earlier=before,
+        rule=ALIKE if before else "",
     )
 
 

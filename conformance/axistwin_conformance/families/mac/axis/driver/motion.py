@@ -45,12 +45,17 @@ DEAF_S: Final = 2.0  # MACS-CMD-00-02
 FIFO_STAGES: Final = 3
 PRELOAD_SHOWS_S: Final = 0.2
 LITTLE_LONGER_S: Final = 0.4
+STANDS_S: Final = 0.1  # between two readings of a position that tell that an axis stands
 RAMP_TAKES: Final = 1  # times as long as its increments at full speed, beside these
 CLOCK_ERROR: Final = 0.002  # a real module's quartz against ours; none in virtual time
 
 PLOT_POINTS: Final = 12  # of the predicted band, at most, from one reading to the next
 PLOT_SPACING_NS: Final = 5_000_000
-COURSES: Final = {"PO": "move", "VE": "endless motion", "IN": "interpolated motion"}
+COURSES: Final = {
+    "PO": "move",
+    "VE": "endless motion",
+    "IN": "interpolated motion (a step is an increment)",
+}
 FARTHEST_RUN_ON: Final = 0xFFFF  # increments: the largest number there is (MACS-AMB-76)
 MOTION_NAMES: Final = {"PO": "move", "VE": "endless motion", "IN": "segments", "HD": "halt"}
 
@@ -346,7 +351,7 @@ class AxisMotion:
             origin,
             direction,
             lambda law: Course.endless(period, self.coefficient, law),
-            law or self._readings.law_of(self.coefficient),
+            law or self._readings.law_of(self.coefficient, is_changed=True),
             mode="VE",
         )
 
@@ -419,13 +424,22 @@ class AxisMotion:
     def _wanted(self, forecast: Forecast, lowest: int, highest: int) -> str:
         """A band of places, and from what it was predicted."""
         place = f"{lowest} to {highest} increments" if lowest < highest else f"{lowest} increments"
-        place = f"{place} by then, {_way(forecast, 'on')}"
+        return f"{place} by then, {self._course(forecast, 'on')}"
+
+    def _course(self, forecast: Forecast, when: str) -> str:
+        """Which motion it is, where it began, and the settings that it runs by."""
+        first = min(forecast.timelines, key=lambda timeline: timeline.start_ns)
+        way = f"{when} the {COURSES.get(first.mode, 'motion')} from position {first.origin}"
         if forecast.timelines[0].mode not in ("PO", "VE"):
-            return place
+            return way
+        return f"{way} {self.settings_words()}"
+
+    def settings_words(self) -> str:
+        """The speed and the ramp of a move, in words."""
         unit = counted(ramp_increments(1), "increment")
         ramp = f"{unit} of ramp for each unit" if self.coefficient else "no ramp"
         return (
-            f"{place} at {pace_words(self._client.named(0x0D), self.period)}"
+            f"at {pace_words(self._client.named(0x0D), self.period)}"
             f" and {self._client.named(0x0F)} = {self.coefficient} ({ramp})"
         )
 
@@ -493,24 +507,28 @@ class AxisMotion:
             lowest <= sample.position <= highest,
             requirement,
             f"at rest at {lowest}" if lowest == highest else f"at rest in {lowest}..{highest}",
-            lambda: _seen(
-                sample,
-                f"{lowest}..{highest} increments {_way(forecast, 'at the end of')}",
+            lambda: self._ended(
+                sample, f"{lowest}..{highest} increments {self._course(forecast, 'at the end of')}"
             ),
         )
         return sample.position
+
+    def _ended(self, sample: Sample, wanted: str) -> Observation:
+        """Where the axis was when its motion was to be over, and whether it stood there, in words:
+        a motion that is late is told from one that ends elsewhere."""
+        self._client.wait(STANDS_S)
+        stood = self._client.position()
+        before = f"as {STANDS_S * 1000:.0f} ms before"
+        if stood != sample.position:
+            before = f"{STANDS_S * 1000:.0f} ms before that {sample.position}, still moving"
+        text = f"{REQUEST} read {counted(stood, 'increment')} ({before})"
+        return Observation(text, f"position {sample.position}", wanted, is_whole=False)
 
 
 def _seen(sample: Sample, wanted: str) -> Observation:
     """Where the axis was, in words."""
     text = f"{REQUEST} read {counted(sample.position, 'increment')}"
     return Observation(text, f"position {sample.position}", wanted, is_whole=False)
-
-
-def _way(forecast: Forecast, when: str) -> str:
-    """Which motion it is, and where it began."""
-    first = min(forecast.timelines, key=lambda timeline: timeline.start_ns)
-    return f"{when} the {COURSES.get(first.mode, 'motion')} from position {first.origin}"
 
 
 def velocity(direction: int, period: int) -> int:

@@ -36,19 +36,16 @@ class AxisReadings:
         seen = run.readings.guess(switch, readings[0])
         return readings.index(seen) if seen in readings else 0
 
-    @property
-    def law(self) -> Law:
-        """The readings that shape profiles, as this device has shown them."""
-        return self.law_of(1)
-
-    def law_of(self, coefficient: int) -> Law:
-        """The same, of such a ramp; without one only the instant counts at which steps do."""
+    def law_of(self, coefficient: int, *, is_changed: bool = False) -> Law:
+        """The readings that shape profiles of such a ramp, as this device has shown them; without
+        a ramp only the instant counts at which steps do.  How a speed is changed under way takes
+        long to find out: it is looked up only where one is (`is_changed`)."""
         seen = self._session.readings
         if not coefficient:
             return Law(step=seen.get("step_phase", "end"))
         return Law(
             ramp=seen.get("ramp_law", "equal_time"),
-            change=seen.get("vel_change_law", "ramp_length"),
+            change=seen.get("vel_change_law", "ramp_length") if is_changed else "ramp_length",
             stop=seen.get("stop_ramp_law", "climbed"),
             triangle=seen.get("triangle_law", "mirror"),
             step=seen.get("step_phase", "end"),

@@ -223,7 +223,7 @@ def ramp_law(driver: AxisDriver) -> Outcome:
     start = driver.motion.ready(RAMP_PERIOD, 2)
     distance = 2 * ramp_increments(2)
     exchange = driver.judge.accepted(0x13, start + distance)
-    laws = [replace(driver.readings.law, ramp=name) for name in RAMP_LAWS]
+    laws = [replace(driver.readings.law_of(2), ramp=name) for name in RAMP_LAWS]
     forecasts = [driver.motion.to_position(exchange, start, start + distance, law) for law in laws]
     samples = driver.motion.sampled(0.45, 12)
     driver.client.command(0x18)
@@ -241,12 +241,12 @@ def vel_change_law(driver: AxisDriver) -> Outcome:
     before, after = driver.limits.slowed_alike(0x2000, 0x1400)
     origin = driver.client.position()
     start = driver.judge.accepted(0x15, velocity(1, before))
-    climb_ticks = Course.endless(before, 2, driver.readings.law).profile.ticks_of(
+    climb_ticks = Course.endless(before, 2, driver.readings.law_of(2)).profile.ticks_of(
         ramp_increments(2)
     )
     driver.client.wait(climb_ticks * TICK_NS / 1e9 + 0.03)
     change = driver.judge.accepted(0x15, velocity(1, after))
-    law = driver.readings.law
+    law = driver.readings.law_of(2)
     unchanged = driver.motion.to_velocity(start, origin, 1, before)
     ramped, accelerated, stepped = (
         driver.motion.to_velocity(start, origin, 1, before, replace(law, change=name)).changed(
@@ -288,7 +288,7 @@ def stop_ramp_law(driver: AxisDriver) -> Outcome:
     driver.client.wait(0.05)
     stop = driver.judge.accepted(0x17)
     moving = driver.motion.to_position(
-        exchange, start, start + distance, replace(driver.readings.law, stop="climbed")
+        exchange, start, start + distance, replace(driver.readings.law_of(4), stop="climbed")
     )
     samples = driver.motion.sampled(0.6, 8)
     if driver.motion.fit(samples, [moving.stopped(stop.taken)]):
@@ -311,7 +311,7 @@ def period_rounding(driver: AxisDriver) -> Outcome:
     start = driver.motion.ready(ROUNDING_PERIOD, LONGEST_RAMP)
     # When the last step counts, by each rounding; they lie 3.3 ms apart, an exchange takes 12.
     counted = distance - driver.readings.known("step_phase")
-    law = driver.readings.law
+    law = driver.readings.law_of(LONGEST_RAMP)
     ends_ns = [
         Course.to_position(
             distance, driver.motion.period, LONGEST_RAMP, replace(law, rounding=name)

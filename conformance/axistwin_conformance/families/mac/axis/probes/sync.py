@@ -306,7 +306,7 @@ def _back_from(
     driver: AxisDriver, origins: tuple[int, ...], begins: TimeWindow, target: int
 ) -> Forecast:
     """What to expect of a move to `target` that begins in the window, from one of those places."""
-    law, period = driver.readings.law, driver.motion.period
+    law, period = driver.readings.law_of(0), driver.motion.period
     histories: list[Timeline] = []
     for origin in origins:
         profile = partial(Course.to_position, origin - target, period, 0)

@@ -135,9 +135,12 @@ def _turn_off(run: AxisSequence, first: int, second: int) -> None:
 
 
 def _ramped_stop(run: AxisSequence, first: int, second: int) -> None:
+    if run.is_resting:
+        run.command(0x17)
+        return
     is_ruled = run.follows(*UNRULED_RAMPED_STOPS)
     is_ruled &= not run.has_segments or run.known("stop17_in_interp") < 2
-    run.command(0x17 if run.is_resting or (is_ruled and run.may_change()) else 0x18)
+    run.command(0x17 if is_ruled and run.may_change() else 0x18)
 
 
 def _segment(index: int) -> Act:

@@ -74,8 +74,12 @@ class AxisRunner(Runner):
 
 
 def model_of(driver: AxisDriver) -> AxisModel:
-    """The model of a module at rest, held to the readings it has shown."""
+    """The model of a module at rest, held to the readings it has shown.
+
+    Speeds are changed under way only on a device that does so by the default law: see
+    `UNRULED_CHANGES`.
+    """
     return AxisModel(
         read_parameters(driver), Forecast.rest(0), cache(driver.readings.known),
-        driver.readings.law, driver.client.face.acceptance,
+        driver.readings.law_of(1), driver.client.face.acceptance,
     )  # fmt: skip

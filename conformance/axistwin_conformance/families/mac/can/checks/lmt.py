@@ -518,12 +518,13 @@ def _cycle(driver: CanDriver, address: int, requirement: str) -> None:
         boot_up is not None,
         requirement,
         f"a boot-up message from address {address}",
-        partial(_boot_up_seen, driver, address),
+        partial(_boot_up_seen, driver, address, is_whole=requirement == "MACC-PERS-01"),
     )
 
 
-def _boot_up_seen(driver: CanDriver, address: int) -> Observation:
-    """What a module said after a power cycle in place of its boot-up message, in words."""
+def _boot_up_seen(driver: CanDriver, address: int, *, is_whole: bool) -> Observation:
+    """What a module said after a power cycle in place of its boot-up message, in words; `is_whole`:
+    the procedure before it had been brought to its end."""
     frames: list[Frame] = []
     for record in reversed(driver.session.records()):
         if record.direction is Direction.NOTE and record.text.startswith(RIG):
@@ -534,8 +535,11 @@ def _boot_up_seen(driver: CanDriver, address: int) -> Observation:
     if ups:
         came = codec.spontaneous_from(ups[0])
         what = f"the module sent its boot-up message from address {came} ({ups[0].identifier:03X}h)"
+    done = "an address procedure (LMT) without its last step"
+    if is_whole:
+        done = f"the address procedure (LMT), by which the module came to address {address},"
     return Observation(
-        f"after the address procedure (LMT) and a power cycle, {what}",
+        f"after {done} and a power cycle, {what}",
         value="none",
         wanted=f"a boot-up message from address {address} ({codec.BOOT_UP + address:03X}h)",
         causes=("LMT: enter", "LMT: new address", "LMT: return"),

@@ -23,6 +23,7 @@ ORDER = 10  # of this module in a run; see `Family.modules`
 OTHER_RATES: Final = (9600, 19200, 57600)
 IMAX_ADDRESS: Final = 0xAF  # MACS-Q-28-01: the one byte of RAM that is known not to change
 SLOW_TYPING_GAP_S: Final = 0.03
+BEHIND_THE_LAST: Final = ", though the queries of the manual end at 29h"
 VERY_SLOW_TYPING_GAP_S: Final = 20.0  # costs nothing in virtual time
 
 WRONG_LENGTH_FIELDS: Final = (b"011", b"013", b"015", b"00E", b"114", b"140", b"000", b"01A")
@@ -284,7 +285,9 @@ def queries_end_at_29h(session: Session) -> None:
         names = ("MACS-Q-XX-02", "MACS-FRAME-08")
         exchange = driver.client.send(driver.client.request(index), QUIET_S)
         outcome = reading_of_unassigned(driver, index, exchange)
-        driver.judge.reading("unknown_index", outcome, names, driver.client.observed(exchange))
+        shown = driver.client.observed(exchange)
+        shown = replace(shown, clause=f"{shown.clause}{BEHIND_THE_LAST}")
+        driver.judge.reading("unknown_index", outcome, names, shown)
 
 
 @check("MACS-CMD-XX-01", "MACS-FRAME-08")
