@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from scripts import bench_can, bench_mn400, bench_msc, bench_ratios
+from scripts import bench_can, bench_mn400, bench_msc, bench_rack, bench_ratios
 from scripts.bench_line import (
     ECHO_PTY,
     Dialogue,
@@ -83,6 +83,7 @@ CARRIERS = {
     "can": bench_can.compare_can,
     "msc": bench_msc.compare_msc,
     "mn400": bench_mn400.compare_mn400,
+    "rack": bench_rack.measure_rack,
     "ratios": bench_ratios.compare_ratios,
 }
 
@@ -91,7 +92,10 @@ def main() -> None:
     """Run the comparisons."""
     parser = argparse.ArgumentParser(description=__doc__, prog="scripts/bench")
     parser.add_argument(
-        "carriers", nargs="*", metavar="serial|can|msc|mn400|ratios", help="which (default: all)"
+        "carriers",
+        nargs="*",
+        metavar="serial|can|msc|mn400|rack|ratios",
+        help="which (default: all)",
     )
     parser.add_argument("--seconds", type=float, default=1.0, help="length of a slice (default 1)")
     options = parser.parse_args()

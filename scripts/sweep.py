@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "conformance" / "tests"))
 
 from sweeping.journal import Journal, run_all  # noqa: E402
+from sweeping.real_runs import PTY  # noqa: E402
 from sweeping.runs import INTERFACES, VIRTUAL, Row, Setting  # noqa: E402
 from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep, Sweep  # noqa: E402
 
@@ -29,7 +30,8 @@ def options() -> argparse.Namespace:
     parser.add_argument("--number", type=int, default=40, help="of devices, of each model")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", type=int, action="append", help="that device alone, told in full")
-    parser.add_argument("--interface", choices=(VIRTUAL, *INTERFACES), help="before the twin")
+    interfaces = (VIRTUAL, *INTERFACES, PTY)  # a pty: in real time, faults only
+    parser.add_argument("--interface", choices=interfaces, help="before the twin")
     parser.add_argument("--level", choices=("quick", "full"))
     parser.add_argument("--singles", action="store_true", help="quirks: every switch by itself")
     parser.add_argument("--exitfirst", action="store_true", help="end a run with the first failure")

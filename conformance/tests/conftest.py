@@ -7,6 +7,7 @@ stops it, `P` and a digit stores that digit, `R` reads it back.
 from __future__ import annotations
 
 import sys
+import time
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -178,6 +179,7 @@ class Toy:
         self.port: ToyPort = VirtualToyPort()
         self.opened: list[tuple[int, ...]] = []
         self.events: list[Event] = []
+        self.soak_clock: Callable[[], float] = time.monotonic
         self.family: Family = vary(ToyFamily(), modules=(module.__name__,), probe_modules=())
 
     def add(self, function: Callable[[Session], None], *ids: str, **declared: Any) -> Check:
@@ -223,7 +225,8 @@ class Toy:
 
     def run(self, **changes: Any) -> Result:
         """Run the engine over the declared checks."""
-        return Engine(self.options(**changes), self.open).run(self.events.append)
+        engine = Engine(self.options(**changes), self.open, self.soak_clock)
+        return engine.run(self.events.append)
 
     def seen(self, kind: type[Any]) -> list[Any]:
         """The events of one kind, in order."""

@@ -126,6 +126,10 @@ WRONG: dict[str, tuple[Make, str]] = {
     "quit_stops_and_forgets": (is_read_as(quit_flushes_queue="false"), "MN4-CMD-Q-02"),
     "reads_in_motion_tell_of_the_present": (says("/", lambda told: [2]), "MN4-CMD-EXIT-02"),
     "a_turn_costs_the_steps_of_the_backlash": (hears(("D-1,1,1,1", "D1,1,1,1")), "MN4-CMD-D-02"),
+    "a_move_begins_from_rest_behind_its_compensation": (
+        hears(("B100*", "B150*")), "MN4-BKL-01"),
+    "a_contour_begins_from_rest_behind_its_compensation": (
+        hears(("B100*", "B150*")), "MN4-BKL-07"),
     "the_memory_is_of_the_last_motion": (hears(("L5,5,5,5", "D1,-1,1,1")), "MN4-CMD-L-03"),
     "arcs_and_contours_are_compensated_before_they_begin": (
         hears(("A-300,-300,-600,-600,1", "A-300,-300,-600,-600,-1")), "MN4-BKL-06",
@@ -143,6 +147,10 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_threading_move_follows_its_pulses": (
         hears(("T100,-53,0,7,400,10", "T100,-53,0,7,380,10")), "MN4-THR-02",
     ),
+    "a_thread_keeps_step_with_its_spindle": (
+        hears(("T100,-53,0,7,1000,0", "T100,-53,0,7,1050,0")), "MN4-THR-01"),
+    "a_thread_waits_for_a_spindle_that_stands": (
+        hears(("T100,-53,0,7,2000", "T100,-53,0,7,1500")), "MN4-THR-01"),
     "threading_knows_no_speed": (hears(("Q", "|")), "MN4-CMD-T-03"),
     "threading_waits_and_bounds_its_steps": (hears(("T100,0,0,0,200", "M100")), "MN4-CMD-T-03"),
     "at_a_negative_speed_pulses_pace_every_move": (hears(("V-1", "V500")), "MN4-CMD-V-02"),

@@ -18,7 +18,14 @@ from axistwin_conformance.families.mn400.planner.contour import (
     MarginScope,
     planned,
 )
-from axistwin_conformance.families.mn400.planner.pulses import can_be_threaded, tapped, threaded
+from axistwin_conformance.families.mn400.planner.pulses import (
+    Spindle,
+    can_be_threaded,
+    pulses_of,
+    tapped,
+    threaded,
+    threaded_between,
+)
 from axistwin_conformance.families.mn400.planner.speed import (
     DEFAULT_PROFILE,
     MotionProfile,
@@ -444,3 +451,23 @@ def test_taps_keep_their_fractions() -> None:
     assert tapped(10, 8, 10) == (8, 8)
     assert tapped(1, 8, 10) == (0, 1)
     assert [tapped(1, 8000, res)[0] for res in (2000, 1000, 100, 10)] == [4, 8, 80, 800]
+
+
+def test_a_spindle_gives_its_pulses_from_when_it_may_have_begun() -> None:
+    """At least and at most: by its own doubt, that of the moment, and a pulse of rounding."""
+    exact = Spindle(1000, (Fraction(2), Fraction(2)))
+    assert exact.pulses((Fraction(1), Fraction(2))) == (0, 1)
+    assert exact.pulses((Fraction(3), Fraction(3))) == (999, 1001)
+    rough = Spindle(1000, (Fraction(1), Fraction(2)), Fraction(1, 10))
+    assert rough.pulses((Fraction(3), Fraction(4))) == (899, 3301)
+
+
+def test_steps_tell_how_many_pulses_there_were() -> None:
+    """All that may have come, and no number beyond those of the move."""
+    for done in range(201):
+        low, high = threaded_between(100, (done, done), 200)
+        for steps in (low, high):
+            least, most = pulses_of(steps, 100, 200)
+            assert least <= done <= most
+            assert (least, most) != (0, 200)
+    assert threaded_between(-53, (100, 200), 200) == (-53, -26)

@@ -7,7 +7,6 @@ import random
 import shlex
 import zlib
 from collections.abc import Iterator
-from functools import partial
 from typing import Any
 
 import pytest
@@ -17,7 +16,6 @@ from axistwin_conformance.base.events import CheckFinished, Note, SoakProgress, 
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.engine import run as engine_run
 from axistwin_conformance.engine.plan import duration_word, make_plan
 from axistwin_conformance.engine.soak import Soak, round_seed
 
@@ -45,12 +43,11 @@ def once(session: Session) -> None:
 
 
 @pytest.fixture
-def bench(toy: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+def bench(toy: Any) -> Any:
     """A toy with a check that fails for one seed in eight, and one that draws nothing; each look at
     the clock of a soak takes a millisecond."""
     looks = itertools.count()
-    clocked = partial(Soak, clock=lambda: next(looks) / 1000)
-    monkeypatch.setattr(engine_run, "Soak", clocked)
+    toy.soak_clock = lambda: next(looks) / 1000
     toy.add(once, LINE)
     toy.add(draws, LINE, FRAME, soaks=True)
     return toy

@@ -38,6 +38,7 @@ UNKNOWN = [
     Fault("byte of a reply", "bits flipped", at=0, amount=0x80),
     Fault("byte of a reply", "bits flipped", at=17, amount=0xFF),
     Fault("effect", "refused", FORMATS["mac23"].commands),
+    Fault("effect", "none, no reply", FORMATS["mac23"].commands, When(first=5)),
 ]
 EXAMPLES = [
     ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),
@@ -202,6 +203,16 @@ def test_a_module_whose_replies_are_all_wrong_in_one_byte_is_one(fault: Fault) -
     """It fails, where it was told that no module answers."""
     setting = Setting("mac23", "a plain port", "quick", 300, is_exitfirst=True)
     row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["outcome"] == "caught", row
+
+
+@pytest.mark.strength
+def test_a_query_that_is_never_answered_soundly_is_no_error_of_the_suite() -> None:
+    """Neither the byte that is no digit, nor what rests on that query."""
+    fault = Fault("byte of a reply", "bits flipped", ("27",), at=9, amount=146)
+    setting = Setting("mac23", "a plain port", "quick", 300)
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["errors"] == []
     assert row["outcome"] == "caught", row
 
 

@@ -1,5 +1,6 @@
 """The control API over real sockets: devices, controls, supply, live state, metrics."""
 
+import contextlib
 import json
 import time
 from collections.abc import Iterator
@@ -12,8 +13,11 @@ from websockets.sync.client import ClientConnection, connect
 
 from axistwin import discovery
 from axistwin.control import watching
+from axistwin.control.client import LET_GO
+from axistwin.errors import UsageError
 from axistwin.kernel.time import NS_PER_MS, NS_PER_S
 from axistwin.macroprogram import Macroprogram
+from axistwin.motion.plant import Load
 
 pytestmark = pytest.mark.system
 
@@ -336,6 +340,80 @@ def test_who_says_something_to_the_websocket_is_dropped(api: ServedControl) -> N
             next_event(client, "never")
         assert caught.value.rcvd is not None
         assert caught.value.rcvd.code == watching.NOT_EXPECTED
+
+
+def test_what_is_set_from_python_is_an_event_as_through_the_api(api: ServedControl) -> None:
+    """By attributes, methods, keys and records, from any thread; a refused value is none."""
+    mac, msc = api.lines[0].twins[0], api.lines[1].twins[0]
+    with watch(api, "?device=mac23:0&device=msc-250:1") as client:
+        for _ in range(2):
+            json.loads(client.recv(TIMEOUT_S))
+        mac.supply_volts = 23.5
+        mac.inputs.reference = True
+        mac.controls["inputs.reference"].set(False)
+        mac.push(7)
+        with pytest.raises(UsageError):
+            mac.supply_volts = -1
+        mac.load.held = True
+        mac.load = Load()
+        mac.power_cycle()
+        mac.power_on()
+        msc.flags[200] = True
+        msc.load_program(Idle)
+        mac.supply_volts = 24
+        heard = [next_event(client, "set") for _ in range(14)]
+    assert [(each["device"], each["control"], each["value"]) for each in heard] == [
+        ("mac23:0", "supply_volts", 23.5),
+        ("mac23:0", "inputs.reference", True),
+        ("mac23:0", "inputs.reference", False),
+        ("mac23:0", "push", None),
+        ("mac23:0", "load.held", True),
+        ("mac23:0", "load.torque_nm", 0.0),
+        ("mac23:0", "load.inertia_kgcm2", 0.0),
+        ("mac23:0", "load.held", False),
+        ("mac23:0", "power", False),
+        ("mac23:0", "power", True),
+        ("mac23:0", "power", True),
+        ("msc-250:1", "flags.200", True),
+        ("msc-250:1", "load_program", None),
+        ("mac23:0", "supply_volts", 24.0),
+    ]
+
+
+def test_what_is_set_is_told_before_what_follows_from_it(api: ServedControl) -> None:
+    """The cause, then the effect, of one instant."""
+    with watch(api, "?device=mac23:0") as client:
+        json.loads(client.recv(TIMEOUT_S))
+        api.lines[0].twins[0].power_off()
+        api.lines[0].twins[0].power_on()
+        events = [json.loads(client.recv(TIMEOUT_S)) for _ in range(4)]
+    events = [each for each in events if each["event"] != "changed"]
+    assert [each["event"] for each in events[:3]] == ["set", "told", "set"]
+    assert events[0]["time_ns"] == events[1]["time_ns"]
+
+
+def test_who_watches_a_line_that_is_removed_is_told_and_let_go() -> None:
+    """Behind all that was for him, with a code that says so; who watches others stays."""
+    queries = ("?device=mac23:1", "?traffic=mac23:1", "?device=mac23:1&device=mac23:0", "")
+    with ServedControl("mac23:0", "mac23:1") as served, contextlib.ExitStack() as stack:
+        clients = [stack.enter_context(watch(served, query)) for query in queries]
+        other = stack.enter_context(watch(served, "?device=mac23:0"))
+        for client in (*clients, other):
+            json.loads(client.recv(TIMEOUT_S))
+        remove = served.rack.do("mac23:0", lambda device: served.rack.remove("mac23:1"))
+        remove.result(TIMEOUT_S)
+        for client in clients:
+            told = next_event(client, "line")
+            assert (told["kind"], told["details"]) == ("line_removed", {"devices": ["mac23:1"]})
+            with pytest.raises(ConnectionClosed) as caught:
+                next_event(client, "never")
+            assert caught.value.rcvd is not None
+            assert caught.value.rcvd.code == LET_GO
+        assert next_event(other, "line")["kind"] == "line_removed"
+        served.rack.devices["mac23:0"].twin.push(1)
+        assert next_event(other, "set")["control"] == "push"
+        with watch(served) as client:
+            assert json.loads(client.recv(TIMEOUT_S))["device"] == "mac23:0"
 
 
 # ---- the rest ------------------------------------------------------------------------------------

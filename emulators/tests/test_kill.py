@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 import serial
 from daemon_process import Daemon, daemon
-from kill_rounds import Memory, survive_kills
-from mac_frames import ACCEPTED, ANSWER_LENGTH, answer_value, request
+from kill_rounds import Served, survive_kills
+from mac_frames import ACCEPTED, request
+from stored_values import MacMemory
 
 pytestmark = pytest.mark.strength
 
-WRITTEN = {0x09: 0x22, 0x0A: 0x23}  # command that stores a 32-bit value: query that reads it
 POSITION = 0x20
 
 
@@ -30,44 +30,29 @@ def twin(folder: Path) -> Iterator[tuple[Daemon, serial.SerialBase]]:
             yield process, port
 
 
-def exchange(port: serial.SerialBase, frame: bytes, length: int) -> bytes:
-    """Send ``frame`` and read ``length`` bytes, fewer when the twin is gone."""
-    port.write(frame)
-    return bytes(port.read(length))
-
-
-def read_back(port: serial.SerialBase, query: int) -> int:
-    """The 32-bit value that ``query`` answers with."""
-    return answer_value(exchange(port, request(query), ANSWER_LENGTH))
-
-
 @contextlib.contextmanager
-def stored(folder: Path) -> Iterator[Memory]:
-    """What the twin stores by the commands of ``WRITTEN``."""
+def stored(folder: Path) -> Iterator[Served]:
+    """What the twin stores."""
     with twin(folder) as (process, port):
-        yield Memory(
-            process.process.pid,
-            lambda command: read_back(port, WRITTEN[command]),
-            lambda command, value: exchange(port, request(command, value), 3) == ACCEPTED,
-        )
+        yield Served(process.process.pid, [MacMemory(port)])
 
 
 @pytest.mark.strength(seconds=70)
 def test_nothing_acknowledged_is_lost_when_the_daemon_is_killed_200_times(tmp_path: Path) -> None:
     """Every value whose write was acknowledged is read back after kill -9 and a restart."""
-    survive_kills(partial(stored, tmp_path), WRITTEN, rounds=200, seed=20060612)
+    survive_kills(partial(stored, tmp_path), sample=200, seed=20060612)
 
 
 def test_a_position_that_was_reported_while_moving_is_not_lost_by_a_kill(tmp_path: Path) -> None:
     """After kill -9 in a move the axis stands no further back than the host was last told."""
     with twin(tmp_path) as (process, port):
-        assert exchange(port, request(0x13, 100_000), 3) == ACCEPTED
+        assert MacMemory(port).exchange(request(0x13, 100_000), 3) == ACCEPTED
         begin = time.monotonic()
         told = 0
         while time.monotonic() - begin < 0.7:
-            told = read_back(port, POSITION)
+            told = MacMemory(port).ask(POSITION)
         os.kill(process.process.pid, signal.SIGKILL)
     assert told > 0
     with twin(tmp_path) as (_, port):
-        restored = read_back(port, POSITION)
+        restored = MacMemory(port).ask(POSITION)
     assert told <= restored <= told + 10_000

@@ -1,7 +1,7 @@
 """What the motion commands of an MN400 do on the wire, with the numbers of ledger §5."""
 
 import pytest
-from mn400_bench import Mn400Bench
+from mn400_bench import Mn400Bench, in_short, packets_in
 
 MS = 1.0
 
@@ -319,6 +319,39 @@ def test_measurements_count_phantom_steps(multiplex: int, count: int) -> None:
     assert abs(int(told) - 10 * count) <= multiplex
     bench.say("Q")
     assert bench.value("E1", milliseconds=200).endswith(",0")
+
+
+def on_usb(bench: Mn400Bench) -> list[str]:
+    """The reports since last time: the letter of a command, and its value."""
+    told = [bytes.fromhex(one).decode("ascii") for one in bench.device.take_report(bench.now)]
+    bench.device.drop_reports(bench.now)
+    return told
+
+
+@pytest.mark.parametrize("is_asked_on_usb", [False, True])
+def test_a_measurement_told_on_both_ports_is_made_once(is_asked_on_usb: bool) -> None:
+    """Whoever asks: two of different begin would tell another time than 100 ms (MN4-AMB-66)."""
+    bench = Mn400Bench(reply_transport="both")
+    bench.say("V300", "F300,300,1000", "M2000,-600")
+    bench.wait(500)
+    on_usb(bench)
+    if is_asked_on_usb:
+        bench.perform(bench.device.send_usb(bench.now, "E1"))
+        told = " ".join(map(in_short, packets_in(bench.wait(200))))
+    else:
+        told = bench.say("E1", milliseconds=200)
+    assert told.startswith("S ")
+    assert on_usb(bench) == [f"E{told[2:]}"]
+    assert abs(int(told.split(",")[-1]) - 30) <= 1
+
+
+def test_what_a_read_out_clears_is_told_alike_on_both_ports() -> None:
+    """The abort flag that reading clears: the reply is made once (MN4-AMB-66)."""
+    bench = Mn400Bench(reply_transport="both", abort_flag_clear="read")
+    bench.say("M500", "Q")
+    on_usb(bench)
+    assert bench.say(":") == "S 1,0,0,0,1"
+    assert on_usb(bench) == [":1,0,0,0,1"]
 
 
 def test_the_measurement_of_the_manual_is_1500_steps_a_second() -> None:

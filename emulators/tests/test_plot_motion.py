@@ -171,7 +171,7 @@ def test_a_recording_is_said_again_at_its_times(tmp_path: Path) -> None:
         ),
         "utf-8",
     )
-    exchanges = read_capture("serial", str(path))
+    exchanges = read_capture(STEPS, str(path))
     messages = sources.from_exchanges(exchanges)
     assert [message.at_ns for message in messages] == [0, 2_000_000_000]
     track = played(STEPS, messages=messages)[1]
@@ -189,7 +189,7 @@ def test_a_recording_of_a_bus_is_said_again(tmp_path: Path) -> None:
         "(1795284668.802000) vcan0 581#6013200000000000 R\n",
         "utf-8",
     )
-    exchanges = read_capture("can", str(path))
+    exchanges = read_capture(CAN, str(path))
     track = played(CAN, messages=sources.from_exchanges(exchanges))[1]
     assert not differences(TwinSetup(CAN, 1, {}), exchanges)
     assert track.trimmed().positions[-1] == (1000,)
@@ -209,7 +209,7 @@ def test_what_is_no_recording_is_one_clear_line(tmp_path: Path, text: str, words
     path = tmp_path / "capture.txt"
     path.write_text(text, "utf-8")
     with pytest.raises(UsageError, match=words):
-        read_capture("serial", str(path))
+        read_capture(STEPS, str(path))
 
 
 @pytest.mark.parametrize(

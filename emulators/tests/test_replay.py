@@ -38,7 +38,7 @@ def found(
 def recorded(name: str, **quirks: Any) -> list[Exchange]:
     """A conversation with a twin that has ``quirks``."""
     record(Path("capture.txt"), name, CONVERSATIONS[name], quirks)
-    return read_capture(catalog.find_model(name).carrier, "capture.txt")
+    return read_capture(catalog.find_model(name), "capture.txt")
 
 
 @pytest.mark.parametrize("name", CONVERSATIONS)
@@ -129,7 +129,7 @@ def test_a_twin_that_is_slower_within_the_window_says_the_same(latency_us: int) 
         rows.append(f"{at_ms:12.3f}{line[12:]}")
     queries = [row for row in rows if "position" in row and "go to" not in row]
     Path("fast.txt").write_text("\n".join(queries), "utf-8")
-    exchanges = read_capture("serial", "fast.txt")
+    exchanges = read_capture(catalog.find_model("mac23"), "fast.txt")
     assert not found("mac23", exchanges, reply_latency_us=latency_us)
 
 

@@ -86,6 +86,15 @@ def test_rate_and_framing_of_the_client_are_the_hosts(bench: Bench) -> None:
         assert client.read(1) == b"a"
 
 
+def test_what_was_sent_before_a_setting_has_the_one_before(bench: Bench) -> None:
+    """Also when both come in one piece, as from a client that does not wait for the answer."""
+    baud = IAC + SB + b"\x2c\x01" + (4800).to_bytes(4, "big") + IAC + SE
+    with bench.connect() as client:
+        client.sendall(b"a" + baud + b"b")
+        assert eventually(lambda: len(bench.line.formats) == 2)
+    assert [each.baud for each in bench.line.formats] == [38400, 4800]
+
+
 def test_a_break_reaches_the_line_with_its_length(bench: Bench) -> None:
     """The line is held at space for as long as the client held it."""
     with bench.open() as client:

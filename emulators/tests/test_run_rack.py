@@ -5,6 +5,7 @@ import re
 import shlex
 import signal
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ import pytest
 import serial
 from daemon_process import TIMEOUT_S, Daemon, daemon, invoke
 from served import eventually
+
+from axistwin.control.client import ControlClient
+from axistwin.errors import UsageError
 
 pytestmark = pytest.mark.system
 
@@ -143,6 +147,30 @@ def test_on_sighup_what_did_not_change_goes_on(tmp_path: Path) -> None:
         again = reload(rack, tmp_path, after)
         assert (again["removed"], again["added"]) == ([], [])
         assert rack.end()[0] == 0
+
+
+def test_who_watches_a_line_that_changes_sees_it_come_back(tmp_path: Path) -> None:
+    """``axistwin watch`` begins again with it; when the device is gone for good, that is told."""
+    control = '[control]\naddress = "127.0.0.1:0"\n'
+    with serve(tmp_path, control + line_of("press")) as rack:
+        events = ControlClient(ready(rack, 1)["mac23:0@press"]["control"]).watch("mac23:0@press")
+        assert next(events)["event"] == "snapshot"
+        reload(rack, tmp_path, control + line_of("press", seed=5))
+        assert "line_removed" in [event.get("kind") for event in until(events, "snapshot")]
+        reload(rack, tmp_path, control + line_of("other"))
+        with pytest.raises(UsageError, match="no device 'mac23:0@press': known: mac23:0@other"):
+            until(events, "snapshot")
+        assert rack.end()[0] == 0
+
+
+def until(events: Iterator[dict[str, Any]], kind: str) -> list[dict[str, Any]]:
+    """All ``events`` up to one of that kind."""
+    found = []
+    for event in events:
+        found.append(event)
+        if event["event"] == kind:
+            break
+    return found
 
 
 def test_a_mistake_in_the_file_changes_nothing(tmp_path: Path) -> None:

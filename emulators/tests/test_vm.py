@@ -536,7 +536,7 @@ def test_modules_are_loaded_after_what_they_need(tmp_path: Path) -> None:
 def test_with_uhid_a_program_can_be_a_hid_device() -> None:
     """In QEMU a device made through /dev/uhid is a /dev/hidraw, reports pass both ways, CAN too."""
     program = r"""
-import os, pathlib, socket, struct, sys, threading, time
+import os, pathlib, select, socket, struct, sys, threading, time
 descriptor = bytes.fromhex("0600ff0901a101150026ff007508954009028102954009039102c0")
 device = os.open("/dev/uhid", os.O_RDWR)
 names = [b"twin".ljust(128, b"\0"), bytes(64), bytes(64)]
@@ -547,13 +547,14 @@ def answer():
         event = os.read(device, 4376)
         if event[:4] == b"\6\0\0\0":  # an output report: 64 bytes after its number
             os.write(device, struct.pack("<IH", 12, 64) + event[5:69][::-1])
-            return
 threading.Thread(target=answer, daemon=True).start()
-end = time.monotonic() + 30
-while not (nodes := list(pathlib.Path("/dev").glob("hidraw*"))) and time.monotonic() < end:
+while not (nodes := list(pathlib.Path("/dev").glob("hidraw*"))):
     time.sleep(0.05)
 client = os.open(nodes[0], os.O_RDWR)
 os.write(client, bytes(range(65)))
+# The node is there before the kernel has set the device up, and until then it drops what that says.
+while not select.select([client], [], [], 1)[0]:
+    os.write(client, bytes(range(65)))
 print(os.read(client, 100).hex())
 print(len(socket.if_nameindex()), socket.socket(socket.AF_CAN, socket.SOCK_RAW, 1).family.name)
 sys.stdout.flush()

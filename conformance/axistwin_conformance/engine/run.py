@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -62,10 +63,19 @@ MEANWHILE = 20  # checks: fewer are over before another process has even started
 
 
 class Engine:
-    """One run: construct, `plan()` to look, `run()` once."""
+    """One run: construct, `plan()` to look, `run()` once.
 
-    def __init__(self, options: Options, opener: Opener | None = None) -> None:
+    `soak_clock`: seconds by which a soak lasts.
+    """
+
+    def __init__(
+        self,
+        options: Options,
+        opener: Opener | None = None,
+        soak_clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.options = options
+        self._soak_clock = soak_clock
         self.family = options.family
         self.ledger = load_ledger(options.family.name)
         self._emit: Listener = lambda event: None
@@ -444,7 +454,7 @@ class Engine:
         if options.duration_s is None or self._is_over():
             return
         repeated = [check for check in checks if check.soaks]
-        soak = Soak(repeated, options.seed, options.duration_s, self._tell)
+        soak = Soak(repeated, options.seed, options.duration_s, self._tell, self._soak_clock)
         run.emit = soak.hear
         self._jobs.close()
         # Here this process only waits for the others.

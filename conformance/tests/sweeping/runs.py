@@ -45,6 +45,11 @@ class Setting:
 
 def judge(setting: Setting, seed: int, query: str = "", *, detects: bool = False) -> Row:
     """Judge a twin that is made with these words in its URL."""
+    return judged_within(setting, lambda hear: _run(setting, seed, query, hear, detects))
+
+
+def judged_within(setting: Setting, run: Callable[[Callable[[Event], None]], Row]) -> Row:
+    """What comes of a run, or why it was ended."""
     current = [""]
 
     def hear(event: Event) -> None:
@@ -55,7 +60,7 @@ def judge(setting: Setting, seed: int, query: str = "", *, detects: bool = False
     row: Row = {"hang": ""}
     try:
         with limited(setting.limit_s):
-            row |= _run(setting, seed, query, hear, detects)
+            row |= run(hear)
     except Overrun:
         row["hang"] = f"{setting.limit_s:.0f} s of processor time, in {current[0] or 'no check'}"
     except Exception as error:  # nothing may come out of an engine

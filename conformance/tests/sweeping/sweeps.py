@@ -12,6 +12,7 @@ from typing import ClassVar, Final
 from sweeping.faults import Fault, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.readings import drawn, misread, singles, unread
+from sweeping.real_runs import PTY, judge_over_pty
 from sweeping.runs import TRAVEL, Row, Setting, judge
 from sweeping.wrong_device import Tally, planted
 
@@ -150,7 +151,9 @@ class FaultSweep(Sweep):
         model = setting.model
         tally = Tally()
         with planted(fault, model, tally) as place:
-            row = judge(setting, self.seed)
+            over_pty = setting.interface == PTY
+            judged = judge_over_pty(setting, self.seed, tally) if over_pty else None
+            row = judged or judge(setting, self.seed)
         row |= {
             "level": setting.level,
             "device": f"{fault}{place and f' in {place}'}", "part": fault.part,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from axistwin.devices.mn400.commands import Interpreter
-from axistwin.devices.mn400.device import Mn400Board
+from axistwin.devices.mn400.device import _VALUE_BYTES, Mn400Board
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.receiver import PacketReceiver, Request
@@ -215,6 +215,12 @@ def orders_to_all_boards_are_answered_and_not_done(patch: MonkeyPatch) -> None:
         return None if line.is_for_all else go()
 
     commands(patch, "L", act)
+
+
+@board_mutant("MN4-DROP-04")
+def slots_are_too_short_for_long_values(patch: MonkeyPatch) -> None:
+    """Counters of more than four digits are told to id 0 while the next board begins."""
+    patch.setitem(_VALUE_BYTES, "E", 20)
 
 
 @board_mutant("MN4-CMD-K-03", "MN4-DROP-05")

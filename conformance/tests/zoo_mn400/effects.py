@@ -9,7 +9,7 @@ from typing import Any
 from axistwin.devices.mn400.commands import Interpreter
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
-from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, straight
+from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, moves, straight
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from axistwin.devices.mn400.readout import ReadOut
@@ -27,6 +27,8 @@ from zoo_mn400.planting import (
     settles,
     values,
 )
+
+JOINED = {"is_joined": True}
 
 # --- packets --------------------------------------------------------------------------------------
 
@@ -363,6 +365,13 @@ def an_axis_that_stands_forgets_its_direction(patch: MonkeyPatch) -> None:
         return go(now, settings, displacement)
 
     plans(patch, "straight", act)
+
+
+@board_mutant("MN4-BKL-01", "MN4-BKL-07")
+def a_compensation_runs_on_into_its_motion(patch: MonkeyPatch) -> None:
+    """Where both have one direction, without braking between them."""
+    part: Any_ = moves.straight_part
+    patch.setattr(moves, "straight_part", lambda *given, **how: part(*given, **how | JOINED))
 
 
 @board_mutant("MN4-THR-06")

@@ -9,13 +9,22 @@ from typing import Any
 from axistwin.devices.mn400 import orders
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
-from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, arc_is_round, straight
+from axistwin.devices.mn400.motion import (
+    MoveSettings,
+    PulseTrain,
+    SpeedProfile,
+    VectorMotion,
+    arc_is_round,
+    straight,
+)
+from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from zoo_mn400.planting import (
     MS,
     Any_,
     MonkeyPatch,
+    S,
     around,
     begins_with,
     board_mutant,
@@ -509,6 +518,42 @@ def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
         return go(now, settings, way, 2 * pulses, offset)
 
     plans(patch, "thread", act)
+
+
+@board_mutant("MN4-THR-01")
+def pulses_are_counted_twice_at_a_high_rate(patch: MonkeyPatch) -> None:
+    """Both edges, above 2000 a second: a thread is over in half its time."""
+
+    def act(go: Any_, motion: Any, now: int, train: Any) -> Any:
+        is_fast = train is not None and train.rate_millihertz > 2_000_000
+        return go(
+            now, replace(train, rate_millihertz=2 * train.rate_millihertz) if is_fast else train
+        )
+
+    around(patch, VectorMotion, "paced_by", act)
+
+
+@board_mutant("MN4-THR-03")
+def a_thread_begins_half_a_turn_too_early(patch: MonkeyPatch) -> None:
+    """On a spindle that turns by itself; an index by hand is heard."""
+
+    def act(go: Any_, train: Any, n: int) -> Any:
+        index = go()
+        return index and index - train.pulses_per_turn // 2
+
+    around(patch, PulseTrain, "index_after", act)
+
+
+@board_mutant("MN4-CMD-T-01")
+def a_thread_whose_spindle_stood_is_over_late(patch: MonkeyPatch) -> None:
+    """A second behind its last pulse, with its steps made: what follows waits."""
+    ends: Any_ = PulsedPace.__dict__["end_ns"].fget
+
+    def late(pace: PulsedPace) -> int | None:
+        end_ns: int | None = ends(pace)
+        return end_ns and end_ns + S * bool(pace.used and pace.train)
+
+    patch.setattr(PulsedPace, "end_ns", property(late))
 
 
 @board_mutant("MN4-SYN-01", "MN4-CMD-V-02")

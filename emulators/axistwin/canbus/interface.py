@@ -23,6 +23,7 @@ from axistwin.errors import AxistwinError
 from axistwin.kernel.time import NS_PER_S, Nanos
 from axistwin.ports.can_message import frame_of, message_of
 from axistwin.runtime.any_twin import AnyTwin
+from axistwin.runtime.bus import Bus
 from axistwin.runtime.can_network import Arrival, ErrorReport
 from axistwin.runtime.clock import check_advance
 from axistwin.runtime.host.patches import really_sleep
@@ -369,6 +370,11 @@ class AxistwinBus(can.BusABC):
         return [AutoDetectedConfig(interface="axistwin", channel=name) for name in names]
 
     # -- what only twins have --
+
+    @property
+    def line(self) -> Bus:
+        """The bus with its twins, and with the faults of its wire."""
+        return self._bus
 
     @property
     def twins(self) -> list[AnyTwin]:

@@ -207,7 +207,6 @@ class Api:
             except UsageError as error:
                 raise NotAllowedError(str(error), bound) from None
             value = bound.value if bound.is_readable else None
-            self._live.control_set(found, time_ns, bound.name, value)
             return ControlDone(device=found.name, control=bound.name, time_ns=time_ns, value=value)
 
         return await self._do(device, work)
@@ -232,13 +231,11 @@ class Api:
     def _cut(self, found: RackDevice, off_s: float) -> tuple[str, int, float]:
         """Name, when the supply was cut, and seconds until ``off_s`` of its line have passed."""
         time_ns = found.twin.controls["power"].set(False)
-        self._live.control_set(found, time_ns, "power", value=False)
         clock = found.server.simulation.clock
         return found.name, time_ns, clock.delay_s(time_ns + round(off_s * NS_PER_S))
 
     def _apply(self, found: RackDevice) -> tuple[str, int]:
         time_ns = found.twin.controls["power"].set(True)
-        self._live.control_set(found, time_ns, "power", value=True)
         return found.name, time_ns
 
     # -- what goes wrong on the wire --
@@ -287,6 +284,8 @@ class Api:
         try:
             names = [await self._do(each, lambda found: found.name) for each in device or ()]
             words = {each: TrafficWords(self._find_line(each)) for each in traffic or ()}
+            if not names and not words:
+                names = await self._wait(self._rack.do_all(_name))
         except UsageError as error:
             await client.send_denial_response(JSONResponse(problem(404, str(error)), 404))
             return
@@ -298,8 +297,7 @@ class Api:
         try:
             offered = client.scope["subprotocols"]
             await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
-            devices = names if names or words else list(self._rack.devices)
-            await Watching(self._rack, self._live, self._counts, client, devices, words).run()
+            await Watching(self._rack, self._live, self._counts, client, names, words).run()
         finally:
             self._counts.watchers -= 1
 
@@ -331,6 +329,10 @@ class Api:
             return await asyncio.wait_for(asyncio.wrap_future(future), ANSWER_S)
         except TimeoutError:
             raise RefusedError(503, "the devices are busy; try again") from None
+
+
+def _name(found: RackDevice) -> str:
+    return found.name
 
 
 def _device_info(found: RackDevice) -> DeviceInfo:

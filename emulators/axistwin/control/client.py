@@ -14,6 +14,9 @@ from axistwin.ports.tcp import parse_address
 
 TIMEOUT_S: Final = 30.0
 
+LET_GO: Final = 4002
+"""The code with which the WebSocket closes when a line that is watched was removed."""
+
 
 class ControlClient:
     """Asks the daemon at ``address``: HOST:PORT, or its URL.  Raises UsageError for a bad one.
@@ -65,8 +68,14 @@ class ControlClient:
     def watch(self, *devices: str) -> Iterator[dict[str, Any]]:
         """What happens to ``devices`` (none named: all), from now on: snapshots first, then events.
 
-        Raises UsageError, and PortError when the daemon ends.
+        When one of their lines is removed it begins again: a reload may have brought the line back.
+        Raises UsageError, also for a device that is gone, and PortError when the daemon ends.
         """
+        while True:
+            yield from self._watch_until_let_go(devices)
+
+    def _watch_until_let_go(self, devices: Sequence[str]) -> Iterator[dict[str, Any]]:
+        """Until a line of ``devices`` is removed.  Raises UsageError and PortError."""
         from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
         from websockets.sync.client import connect
 
@@ -82,6 +91,8 @@ class ControlClient:
             answer = json.loads(error.response.body or b"{}")
             raise UsageError(str(answer.get("message", error))) from None
         except ConnectionClosed as error:
+            if error.rcvd is not None and error.rcvd.code == LET_GO:
+                return
             raise PortError(f"control {self.address}: it has ended ({error})") from None
         except (OSError, InvalidHandshake) as error:
             raise self._nobody(error) from None

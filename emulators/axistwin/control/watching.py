@@ -9,6 +9,8 @@ Rules
    Messages of a line are no reason for that: of what does not fit ``TRAFFIC_MAX`` they are left
    out and counted.
 3. A client tells nothing here: what it sends ends it, with the code ``NOT_EXPECTED``.
+4. A client that watches something of a line that is removed is told so, and let go with the code
+   ``LET_GO``.  It may come again, for what there is then.
 """
 
 import asyncio
@@ -20,9 +22,10 @@ from typing import Final
 
 from starlette.websockets import WebSocket
 
+from axistwin.control.client import LET_GO
 from axistwin.control.metrics import Counts
 from axistwin.control.traffic import TrafficWords
-from axistwin.runtime.serving.live import Live, RackEvent
+from axistwin.runtime.serving.live import LineTold, Live, RackEvent
 from axistwin.runtime.serving.rack import Rack
 from axistwin.runtime.serving.traffic import LineTraffic
 
@@ -58,7 +61,7 @@ class Watching:
         self._lines = lines
         self._left_out = dict.fromkeys(lines, 0)
         self._loop = asyncio.get_running_loop()
-        self._waiting: asyncio.Queue[str] = asyncio.Queue()
+        self._waiting: asyncio.Queue[str | None] = asyncio.Queue()
         self._room = QUEUE_MAX + len(devices)  # for their snapshots
         self._is_too_slow = asyncio.Event()
         self._leave: Callable[[], None] = lambda: None
@@ -82,6 +85,8 @@ class Watching:
             await self._client.close(TOO_SLOW, "reads too slowly; come again")
         elif results[1] is True:
             await self._client.close(NOT_EXPECTED, "nothing is expected here")
+        elif results[0] is None:
+            await self._client.close(LET_GO, "a line that is watched was removed; come again")
 
     # -- in the rack's loop --
 
@@ -97,6 +102,15 @@ class Watching:
                 self._loop.call_soon_threadsafe(self._put_traffic, event)
             else:
                 self._loop.call_soon_threadsafe(self._put, as_text(event))
+                if isinstance(event, LineTold) and self._loses(event):
+                    self._loop.call_soon_threadsafe(self._waiting.put_nowait, None)
+
+    def _loses(self, event: LineTold) -> bool:
+        """Whether something that the client watches was removed."""
+        if event.kind != "line_removed":
+            return False
+        removed = event.details["devices"]
+        return event.line in self._lines or any(each in removed for each in self._devices)
 
     # -- in the server's --
 
@@ -122,8 +136,9 @@ class Watching:
         )
 
     async def _send(self) -> None:
-        while True:
-            await self._client.send_text(await self._waiting.get())
+        """Until the client has been told of all that it was to hear (rule 4)."""
+        while (text := await self._waiting.get()) is not None:
+            await self._client.send_text(text)
 
     async def _receive(self) -> bool:
         """Whether the client has said something; else it has gone."""

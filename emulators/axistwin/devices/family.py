@@ -98,6 +98,10 @@ class Family(ABC):
         """Whether ``frame``, heard on a bus behind ``request``, answers it."""
         return True
 
+    def is_from_device(self, frame: Any) -> bool:
+        """Whether devices send such a ``frame``, and hosts do not."""
+        return False
+
     def completed(self, data: bytes) -> bytes:
         """A request with the checksum that it lacks; anything else as it is."""
         return data

@@ -90,6 +90,7 @@ class JoinPort:
                 f"{nearest(self.interface, can.VALID_INTERFACES)}"
             )
         self.url = place
+        self.bitrate = bitrate
         self._arguments = {
             "bitrate": bitrate,
             **_OWN_ARGUMENTS.get(self.interface, {}),
@@ -106,6 +107,11 @@ class JoinPort:
         own = {name: value for name, value in self._arguments.items() if name != "bitrate"}
         more = "".join(f", {name}={value!r}" for name, value in own.items())
         return f'can.Bus(interface="{self.interface}", channel="{self.channel}"{more})'
+
+    @property
+    def station(self) -> int:
+        """Its number on the bus of the server; -1 before it is attached."""
+        return self._member.station if self._member is not None else -1
 
     def describe(self) -> str:
         """The place."""
@@ -186,7 +192,7 @@ class _Joined:
         self._echoes: deque[tuple[CanFrame, float]] | None = (
             deque(maxlen=QUEUE_FRAMES) if echoes else None
         )
-        self._station = -1
+        self.station = -1
         self._waiting: deque[CanFrame] = deque()
         self._retry_ns: Nanos | None = None
         self._pause_ns = _RETRY_NS[0]
@@ -200,7 +206,7 @@ class _Joined:
 
     def start(self) -> None:
         """Take part in the twins' bus, and listen to the external one."""
-        self._station = self._bus.attach()
+        self.station = self._bus.attach()
         self._server.add_member(self)
         try:
             self._fd = self._outside.fileno()
@@ -221,7 +227,7 @@ class _Joined:
             self._thread.join(10 * _THREAD_TIMEOUT_S)
         self._server.remove_member(self)
         with contextlib.suppress(Exception):
-            self._bus.detach(self._station)
+            self._bus.detach(self.station)
         if self._dropped:
             place = {"endpoint": self._port.kind, "url": self._port.url}
             self._server.report(
@@ -302,7 +308,7 @@ class _Joined:
         """A frame of another station, or (rule 3) an echo of our own."""
         if self._echoes is not None and self._is_echo(frame, self._echoes):
             return
-        self._bus.send(self._station, frame)
+        self._bus.send(self.station, frame)
         self._bus.sync()  # it has been on its bus, and competes with nothing here
 
     @staticmethod
@@ -321,7 +327,7 @@ class _Joined:
     @property
     def has_news(self) -> bool:
         """Whether the twins' bus has something to be sent."""
-        return self._bus.has_news(self._station)
+        return self._bus.has_news(self.station)
 
     def next_event_ns(self) -> Nanos | None:
         """When to try again what the interface did not take."""
@@ -329,7 +335,7 @@ class _Joined:
 
     def pump(self) -> None:
         """Send what is to be sent."""
-        for arrival in self._bus.receive(self._station):
+        for arrival in self._bus.receive(self.station):
             if len(self._waiting) < QUEUE_FRAMES:
                 self._waiting.append(arrival.frame)
                 continue

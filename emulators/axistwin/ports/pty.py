@@ -36,14 +36,12 @@ import time
 import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from axistwin.errors import PortError
 from axistwin.ports.link import Link
-from axistwin.ports.stream import REST_S, SerialStream, Stream
-from axistwin.runtime.serving.base_server import Report
+from axistwin.ports.stream import REST_S, Owner, SerialStream, Stream
 from axistwin.runtime.serving.line_server import Server
-from axistwin.runtime.serving.loop import LoopShare
 from axistwin.wire.framing import LineFormat
 
 # Linux's asm-generic/termbits.h; the termios module knows neither these nor odd rates.
@@ -54,18 +52,6 @@ _SETTINGS = struct.Struct("=IIII20sII")
 _NO_SETTINGS = bytes(_SETTINGS.size)
 _COOKED = termios.ICANON | termios.ECHO | termios.ISIG
 _ARMED = termios.ECHONL | termios.ECHOK
-
-
-class Owner(Protocol):
-    """Whose loop a pty is served in, and who is told of its clients."""
-
-    @property
-    def loop(self) -> LoopShare:
-        """Where it is served."""
-
-    @property
-    def report(self) -> Report:
-        """What is called with each event."""
 
 
 ServerT = TypeVar("ServerT", bound=Owner)

@@ -49,44 +49,39 @@ class Rfc2217Port(TcpPort):
         return _Rfc2217Stream(server, connection, on_end)
 
 
-class _Rfc2217Stream(TcpStream):
-    """Data between the escapes of Telnet, and the settings within them."""
+def pieces(data: bytes) -> list[bytes]:
+    """``data`` of a client, cut so that what it sets comes behind what it sent before."""
+    first, *rest = data.split(_IAC)
+    return [piece for piece in (first, *(_IAC + each for each in rest)) if piece]
 
-    def __init__(
-        self, server: Server, connection: socket.socket, on_end: Callable[[], None]
-    ) -> None:
-        super().__init__(server, connection, on_end)
-        self.terminal = _Terminal(server, self.drop_unsent, self._admit)
-        self._manager: rfc2217.PortManager | None = None
 
-    def start(self) -> None:
-        """Take part in the line and offer the negotiation."""
-        super().start()
-        self._manager = rfc2217.PortManager(self.terminal, self)  # type: ignore[arg-type]  # the stubs ask for more than it uses
+class Negotiation:
+    """What is between the line's bytes and those of a client, whose settings are ``terminal``'s.
 
-    def line_format(self) -> LineFormat:
-        """What the client has set."""
-        return self.terminal.line_format
+    terminal: looks like one of pyserial's ports.  connection: has ``write``.
+    """
+
+    def __init__(self, terminal: object, connection: object) -> None:
+        self._manager = rfc2217.PortManager(terminal, connection)  # type: ignore[arg-type]  # the stubs ask for more than it uses
 
     def decoded(self, data: bytes) -> bytes:
-        """The line's bytes in ``data``; the settings in it are performed."""
+        """The line's bytes in what the client has sent; the settings in it are performed."""
         manager = self._manager
-        assert manager is not None
         if _IAC in data or manager.mode != rfc2217.M_NORMAL or manager.suboption is not None:
-            data = b"".join(self._filtered(manager, data[i : i + 1]) for i in range(len(data)))
-        return self.terminal.admitted(data)
+            data = b"".join(self._filtered(data[i : i + 1]) for i in range(len(data)))
+        return data
 
     def encoded(self, data: bytes) -> bytes:
         """The line's bytes with Telnet's escape character doubled."""
-        return self.terminal.heard(data).replace(_IAC, _IAC + _IAC)
+        return data.replace(_IAC, _IAC + _IAC)
 
-    def _admit(self, data: bytes) -> None:
-        """Send to the line what XOFF had held back."""
-        if self.running:
-            self._server.input(self, data)
+    def look_at_modem_lines(self) -> None:
+        """Tell the client if they have changed."""
+        self._manager.check_modem_lines()
 
-    def _filtered(self, manager: rfc2217.PortManager, byte: bytes) -> bytes:
+    def _filtered(self, byte: bytes) -> bytes:
         """One byte through pyserial's parser, which must not fall over garbage."""
+        manager = self._manager
         try:
             data = b"".join(manager.filter(byte))
         except _MALFORMED:
@@ -95,6 +90,46 @@ class _Rfc2217Stream(TcpStream):
         if manager.suboption is not None and len(manager.suboption) > _NEGOTIATION_MAX:
             manager.suboption = None
         return data
+
+
+class _Rfc2217Stream(TcpStream):
+    """Data between the escapes of Telnet, and the settings within them."""
+
+    def __init__(
+        self, server: Server, connection: socket.socket, on_end: Callable[[], None]
+    ) -> None:
+        super().__init__(server, connection, on_end)
+        self.terminal = _Terminal(server, self.drop_unsent, self._admit)
+        self._negotiation: Negotiation | None = None
+
+    def start(self) -> None:
+        """Take part in the line and offer the negotiation."""
+        super().start()
+        self._negotiation = Negotiation(self.terminal, self)
+
+    def line_format(self) -> LineFormat:
+        """What the client has set."""
+        return self.terminal.line_format
+
+    def input(self, data: bytes) -> None:
+        """Send ``data`` to the line, and set what is set in it, in their order."""
+        for piece in pieces(data):
+            super().input(piece)
+
+    def decoded(self, data: bytes) -> bytes:
+        """The line's bytes in ``data``; the settings in it are performed."""
+        assert self._negotiation is not None
+        return self.terminal.admitted(self._negotiation.decoded(data))
+
+    def encoded(self, data: bytes) -> bytes:
+        """The line's bytes with Telnet's escape character doubled."""
+        assert self._negotiation is not None
+        return self._negotiation.encoded(self.terminal.heard(data))
+
+    def _admit(self, data: bytes) -> None:
+        """Send to the line what XOFF had held back."""
+        if self.running:
+            self._server.input(self, data)
 
 
 class _Terminal:

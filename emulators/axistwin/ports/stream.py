@@ -12,7 +12,9 @@ Rules
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from typing import Protocol
 
+from axistwin.runtime.serving.base_server import Report
 from axistwin.runtime.serving.line_server import Server
 from axistwin.runtime.serving.loop import LoopShare
 from axistwin.wire.framing import LineFormat
@@ -26,6 +28,18 @@ OUTPUT_MAX = 16 * 1024
 
 REST_S = 1.0
 """How long the rest of a client that has closed still goes out."""
+
+
+class Owner(Protocol):
+    """Whose loop a port is served in, and who is told of its clients."""
+
+    @property
+    def loop(self) -> LoopShare:
+        """Where it is served."""
+
+    @property
+    def report(self) -> Report:
+        """What is called with each event."""
 
 
 class Stream(ABC):

@@ -17,11 +17,10 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from axistwin.errors import PortError, UsageError
-from axistwin.ports.stream import REST_S, SerialStream, Stream
-from axistwin.runtime.serving.base_server import BaseServer
+from axistwin.ports.stream import REST_S, Owner, SerialStream, Stream
 from axistwin.runtime.serving.line_server import Server
 
 CLIENTS_MAX = 32
@@ -46,7 +45,7 @@ _BACKLOG = 2 * CLIENTS_MAX
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _RETRY_S = 1.0
 
-ServerT = TypeVar("ServerT", bound=BaseServer[Any, Any])
+ServerT = TypeVar("ServerT", bound=Owner)
 
 
 def parse_address(text: str) -> tuple[str, int]:

@@ -27,11 +27,15 @@ TRANSCRIPT_FRAMES: Final = 1000
 
 
 class Passed(NamedTuple):
-    """A frame that was complete at ``end_ns``; ``from_host``: a port sent it."""
+    """A frame that was complete at ``end_ns``; ``from_host``: a port sent it.
+
+    senders: numbers of those who sent it, all at once: of devices, then of ports.
+    """
 
     end_ns: Nanos
     frame: CanFrame
     from_host: bool
+    senders: tuple[int, ...]
 
 
 FrameSubscriber: TypeAlias = Callable[[Passed], None]
@@ -85,7 +89,7 @@ class Bus(Simulation[CanNetwork]):
         devices = len(self._stations)
         for heard in self._network.take_heard():
             from_host = all(station >= devices for station in heard.senders)
-            passed = Passed(heard.end_ns, heard.frame, from_host)
+            passed = Passed(heard.end_ns, heard.frame, from_host, heard.senders)
             self.transcript.append(passed)
             for subscriber in tuple(self._frame_subscribers):
                 subscriber(passed)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import Any, Protocol
 
 from axistwin.devices.controls import POWER, Control, ControlTable
@@ -33,6 +34,9 @@ class Present(Protocol):
     def note(self, text: str) -> None:
         """Keep for a transcript what is done now."""
 
+    def tell_worked(self, index: int, name: str, value: Callable[[], Any]) -> None:
+        """Tell who looks on that control ``name`` of device ``index`` was worked; its value."""
+
 
 class DeviceAccess:
     """Works and reads the controls of device ``index`` of a simulation."""
@@ -51,6 +55,7 @@ class DeviceAccess:
         """Apply or cut the supply, and when; nothing happens if it is so already."""
         with self.simulation.present() as now:
             if self.is_powered is on:
+                self.simulation.tell_worked(self._index, POWER.name, lambda: on)
                 return now
             self.is_powered = on
             self.simulation.note(f"{self.name}: power {'on' if on else 'off'}")
@@ -95,10 +100,16 @@ class DeviceAccess:
         value = shown[control.field]
         return value if control.scale == 1 else value / control.scale
 
-    def work(self, control: Control, *arguments: Any, shown: int | str | None = None) -> Nanos:
+    def work(
+        self,
+        control: Control,
+        *arguments: Any,
+        shown: int | str | None = None,
+        member: str | None = None,
+    ) -> Nanos:
         """Work ``control``, and when: a key, if it has keys, and a value.
 
-        shown: the key as written.
+        shown: the key as written.  member: the only one of a record that is set.
         """
         if control.kind != "nothing":
             *keys, value = arguments
@@ -113,7 +124,32 @@ class DeviceAccess:
             arguments = tuple(map(find_program, arguments))
         self._note(control, arguments, shown)
         write = getattr(self._device, control.write)
-        return self.simulation.act(self._index, lambda now: write(now, *arguments))
+
+        def write_and_tell(now: Nanos) -> Sequence[Effect]:
+            effects: Sequence[Effect] = write(now, *arguments)
+            self._tell_worked(control, now, arguments[:-1], member)
+            return effects
+
+        return self.simulation.act(self._index, write_and_tell)
+
+    def _tell_worked(
+        self, control: Control, now: Nanos, keys: tuple[Any, ...], member: str | None
+    ) -> None:
+        """Tell who looks on: of a record, what is set of it."""
+
+        def value(attribute: str | None = None) -> Any:
+            if not (control.read or control.field) or control.kind == "program":
+                return None
+            shown = self._device.describe(now) if control.field else {}
+            found = self._value(control, now, shown, *keys)
+            return plain(found if attribute is None else getattr(found, attribute))
+
+        names = [each.name for each in control.members if member in (None, each.name)]
+        for name in names:
+            self.simulation.tell_worked(self._index, f"{control.name}.{name}", partial(value, name))
+        if not names:
+            name = ".".join((control.name, *map(str, keys)))
+            self.simulation.tell_worked(self._index, name, value)
 
     def _note(self, control: Control, arguments: tuple[Any, ...], shown: int | str | None) -> None:
         """Keep what a hand does: ``inputs.reset = True``."""
@@ -200,7 +236,7 @@ class RecordValues(_Values):
 
     def __setattr__(self, name: str, value: Any) -> None:
         changed = {self._checked_name(name): value}
-        self._access.work(self._control, replace(self._whole(), **changed))
+        self._access.work(self._control, replace(self._whole(), **changed), member=name)
 
     def _whole(self) -> Any:
         return self._access.read(self._control)
@@ -295,7 +331,8 @@ class BoundControl:
         with self._access.simulation.present():
             whole = self._access.read(self._control)
             checked = self._member.checked(value)
-            return self._access.work(self._control, replace(whole, **{self._member.name: checked}))
+            name = self._member.name
+            return self._access.work(self._control, replace(whole, **{name: checked}), member=name)
 
     def _need_number(self) -> None:
         if self.has_numbers:

@@ -50,14 +50,13 @@ class _ScheduledFaults:
 
 
 class DeviceNetwork(ABC, Generic[DeviceT]):
-    """``devices`` (one at least) and what connects them.  Pure: the shell says how late it is.
+    """``devices`` and what connects them.  Pure: the shell says how late it is.
 
     ``faults``: those of the wire; ``add_fault`` and ``remove_fault`` change them.
     ``settled_ns``: the time at which nothing is left to be done, until something else is done.
     """
 
     def __init__(self, devices: Sequence[DeviceT], start_ns: Nanos, faults: WireFaults) -> None:
-        assert devices, "a network has at least one device"
         self.devices = tuple(devices)
         self.faults = faults
         self.settled_ns: Nanos | None = None

@@ -58,6 +58,7 @@ class SerialNetwork(DeviceNetwork[SerialDevice]):
         host_format: LineFormat | None = None,
         faults: WireFaults | None = None,
     ) -> None:
+        assert devices, "a line has at least one device"
         super().__init__(devices, start_ns, faults or WireFaults("serial"))
         self.host_overruns = 0
         formats = [each.line_format for each in self.devices]

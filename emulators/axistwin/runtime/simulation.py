@@ -32,7 +32,7 @@ from typing import (
 )
 
 from axistwin.devices.base import TwinDevice
-from axistwin.devices.controls import ControlTable
+from axistwin.devices.controls import POWER, ControlTable
 from axistwin.devices.motion_controls import MOTION
 from axistwin.errors import StateError, UnknownNameError
 from axistwin.kernel.effects import Effect, Store, Trace
@@ -51,7 +51,17 @@ HAND: Final = "test"
 """Who does in the journal what is done by hand."""
 
 Subscriber: TypeAlias = Callable[[AnyTwin, Trace], None]
+WorkSubscriber: TypeAlias = Callable[[AnyTwin, "ControlWorked"], None]
 FaultSubscriber: TypeAlias = Callable[[FaultAct], None]
+
+
+@dataclass(frozen=True, slots=True)
+class ControlWorked:
+    """``control`` was worked at ``time_ns``; ``value``: as it is then, None if it is not read."""
+
+    time_ns: Nanos
+    control: str
+    value: Any
 
 
 class FaultSelection(TypedDict, total=False):
@@ -160,6 +170,7 @@ class Simulation(ABC, Generic[Net]):
         self._changed = threading.Condition(self._lock)
         self._on_change: Callable[[], None] | None = None
         self._subscribers: list[Subscriber] = []
+        self._work_subscribers: list[WorkSubscriber] = []
         self._fault_subscribers: list[FaultSubscriber] = []
         self.faults = LineFaults(self, network)
         self.journal: deque[tuple[Nanos, str, object]] = deque(maxlen=JOURNAL_MAX)
@@ -279,6 +290,13 @@ class Simulation(ABC, Generic[Net]):
         """Give every trace of a device to ``subscriber``; call what is returned to end that."""
         return self._added(self._subscribers, subscriber)
 
+    def subscribe_worked(self, subscriber: WorkSubscriber) -> Callable[[], None]:
+        """As ``subscribe``, for every control that is worked, by whatever way.
+
+        It is called with the line locked, before what follows from that is told.
+        """
+        return self._added(self._work_subscribers, subscriber)
+
     def subscribe_faults(self, subscriber: FaultSubscriber) -> Callable[[], None]:
         """As ``subscribe``, for what faults of the wire do; it is called with the line locked."""
         return self._added(self._fault_subscribers, subscriber)
@@ -304,6 +322,15 @@ class Simulation(ABC, Generic[Net]):
     def note(self, text: str) -> None:
         """Put what is done by hand, now, into the journal."""
         self.journal.append((self.sync(), HAND, text))
+
+    def tell_worked(self, index: int, name: str, value: Callable[[], Any]) -> None:
+        """Tell who looks on that control ``name`` of device ``index`` was worked; its value."""
+        with self._lock:
+            if not self._work_subscribers:
+                return
+            worked = ControlWorked(self._network.now_ns, name, value())
+            for subscriber in tuple(self._work_subscribers):
+                subscriber(self.twins[index], worked)
 
     # -- what was said ------------------------------------------------------------------------
 
@@ -390,6 +417,7 @@ class Simulation(ABC, Generic[Net]):
         Returns when that was.
         """
         with self.changing() as now:
+            self.tell_worked(index, POWER.name, lambda: on)
             if on:
                 self._network.power_on(index)
             else:

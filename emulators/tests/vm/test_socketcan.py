@@ -15,6 +15,8 @@ import can
 import canopen_talk
 import pytest
 from can_clients import frame_of, message
+from served_bus import ServedBus
+from wire_fault_checks import check_bus
 
 from axistwin.errors import PortError
 from axistwin.ports import socketcan
@@ -28,10 +30,10 @@ POSITION = CanFrame(0x601, bytes.fromhex("4000200000000000"))
 
 
 @contextmanager
-def running(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+def running(folder: Path, *arguments: str, command: str = "run") -> Iterator[subprocess.Popen[str]]:
     """``axistwin run`` with ``arguments``, ready; ends with status 0 unless it has ended."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "axistwin", "run", *arguments],
+        [sys.executable, "-m", "axistwin", command, *arguments],
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -209,3 +211,33 @@ def test_an_interface_that_is_not_there_comes_with_the_remedy() -> None:
         JoinPort("socketcan:vcan9", 125_000).open()
     with pytest.raises(PortError, match=r"no such interface.*there are vcan"):
         JoinPort("socketcan:can9", 125_000).open()
+
+
+def test_faults_of_the_wire_reach_a_host_on_vcan() -> None:
+    """Every kind; and then all is as before."""
+    with (
+        can.Bus(interface="socketcan", channel="vcan0") as host,
+        ServedBus(JoinPort("socketcan:vcan0", 125_000), paced=False) as bench,
+    ):
+        check_bus(bench.bus, host)
+
+
+def test_a_tap_passes_on_between_two_interfaces(tmp_path: Path) -> None:
+    """The module is on vcan1, the program on vcan0; a second tap only listens."""
+    with (
+        running(tmp_path, "mac23-can", "--can", "socketcan:vcan1") as process,
+        running(tmp_path, "socketcan:vcan1", "heard.log", command="tap") as listener,
+        running(
+            *(tmp_path, "socketcan:vcan1", "passed.log", "--can", "socketcan:vcan0"), command="tap"
+        ) as tap,
+    ):
+        for each in (process, listener, tap):
+            assert first_line(each).startswith("ready ")
+        with can.Bus(interface="socketcan", channel="vcan0") as bus:
+            converse(bus)
+    for path, ways in (("heard.log", ("", "")), ("passed.log", (" T", " R"))):
+        rows = (tmp_path / path).read_text("utf-8").splitlines()
+        assert [row.partition(" ")[2] for row in rows if " 081#" not in row] == [  # a lifebeat
+            f"vcan1 601#4000200000000000{ways[0]}",
+            f"vcan1 581#4200200000000000{ways[1]}",
+        ]

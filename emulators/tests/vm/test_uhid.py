@@ -23,6 +23,14 @@ def ask(board: Any, text: bytes, timeout_ms: int = TIMEOUT_MS) -> bytes:
     return bytes(board.read(64, timeout_ms)).rstrip(b"\0")
 
 
+def refusal_s(board: Any) -> float:
+    """How long it takes until hidapi is told that no report can be asked for."""
+    begun = time.monotonic()
+    with pytest.raises(OSError, match="read error"):
+        board.get_input_report(0, 65)
+    return time.monotonic() - begun
+
+
 def test_hidapi_finds_two_boards_and_drives_one_through_a_move(tmp_path: Path) -> None:
     """By vendor and product; a pty beside it is the serial line of both."""
     hidapi: Any = importlib.import_module("hidraw")
@@ -50,10 +58,8 @@ def test_hidapi_finds_two_boards_and_drives_one_through_a_move(tmp_path: Path) -
         for _ in range(20):
             board.write(b"\0E")
         assert all(board.read(64, TIMEOUT_MS) for _ in range(20))
-        begun = time.monotonic()
-        with pytest.raises(OSError, match="read error"):
-            board.get_input_report(0, 65)
-        assert time.monotonic() - begun < 4  # the kernel waits 5 s for a device that says nothing
+        # For a device that says nothing the kernel waits 5 s; on a busy machine we may be late.
+        assert any(refusal_s(board) < 4 for _ in range(5))
         node = os.open(nodes[0], os.O_RDWR)
         status, _, err = process.end()
         assert (status, "Traceback" in err) == (0, False)

@@ -143,7 +143,7 @@ def _track(options: PlotOptions, spec: catalog.DeviceSpec) -> MotionTrack:
     elif options.capture is not None:
         from axistwin.cli.replay.capture import read_capture
 
-        exchanges = read_capture(model.carrier, options.capture)
+        exchanges = read_capture(model, options.capture)
         words = sources.from_exchanges(exchanges)
     return _of_twin(options, spec, model, view, words, exchanges)
 

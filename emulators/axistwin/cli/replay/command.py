@@ -81,7 +81,7 @@ def replay(
     chosen = catalog.all_settings([spec], profile, catalog.parse_settings(quirks))
     controls = dict(map(parse_control, settings))
     setup = TwinSetup(model, spec.address, chosen, controls)
-    exchanges = read_capture(model.carrier, capture)
+    exchanges = read_capture(model, capture)
     window_ns = round(window_ms * NS_PER_MS)
     found = differences(setup, exchanges, window_ns)
     if infer:

@@ -247,8 +247,8 @@ def stop_signals() -> list[signal.Signals]:
     return signals
 
 
-def warn_of_listeners(ports: Sequence[Endpoint]) -> None:
-    """Say which of the open ports others can reach."""
+def warn_of_listeners(ports: Sequence[Endpoint], what: str = "twin") -> None:
+    """Say through which of the open ports others can reach ``what``."""
     for port in ports:
         host = getattr(port, "host", None)
         if host is None:  # no network in between
@@ -257,6 +257,6 @@ def warn_of_listeners(ports: Sequence[Endpoint]) -> None:
 
         if not is_loopback(host):
             warn(
-                f"{port.kind} {host}: whoever reaches this address can drive the twin, "
-                "there is no password"
+                f"{port.kind} {host}: whoever reaches this address can drive the {what}, there "
+                "is no password"
             )

@@ -17,6 +17,8 @@ Rules
 3. A board at another number or rate than those has a configuration program that sets them: there is
    no other way to be there at power-up.
 4. USB has neither numbers nor sums, and says nothing but values and errors (ledger §2.8).
+5. With reply_transport=both USB tells what the serial line tells, when that does: a reply is made
+   once, as to read or to measure twice gives two values (MN4-AMB-66).
 """
 
 from collections import deque
@@ -152,6 +154,7 @@ class Mn400Board:
         self._serial = ReplySender(self._send_packet, is_ahead=True)
         self._usb = ReplySender(self._send_report, is_ahead=False)
         self._senders = (self._serial, self._usb)
+        self._has_copies = quirks.reply_transport == "both"
         has_outcomes = quirks.usb_outcome_codes
         self._silent_on_usb = _SILENT_ON_USB if has_outcomes else (*_SILENT_ON_USB, *_OUTCOMES)
         self.reports: deque[bytes] = deque(maxlen=USB_QUEUE)
@@ -267,11 +270,8 @@ class Mn400Board:
 
     def _reply(self, start_ns: Nanos, parts: Sequence[ReplyPart], origin: Origin) -> None:
         """Send a reply to where the command came from (MN4-PHY-05)."""
-        is_both = self.quirks.reply_transport == "both"
-        if origin is not _USB or is_both:
-            self._serial.send(start_ns, parts)
-        if origin is _USB or (is_both and origin is _SERIAL):
-            self._usb.send(start_ns, parts)
+        is_for_usb = origin is _USB and not self._has_copies
+        (self._usb if is_for_usb else self._serial).send(start_ns, parts)
 
     def last_message(self, origin: Origin) -> Message | None:
         """What was sent last on the port of ``origin``."""
@@ -283,6 +283,8 @@ class Mn400Board:
             data = packets.status(address, command, code, self.quirks)
         else:
             data = packets.data_packet(address, command, value, self.quirks)
+        if self._has_copies:
+            self._usb.send(start_ns, [ReplyPart(message)])
         self._effects.append(Transmit(start_ns, data))
         return start_ns + (self.line_format.span_ns(len(data)) if self._is_paced else 0)
 

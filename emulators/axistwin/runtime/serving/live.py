@@ -6,7 +6,8 @@ Rules
 2. Devices tell few things by themselves: the rest is looked at every ``LOOK_S``, or every
    ``REST_S`` where nothing has changed for ``ACTIVE_S``; nobody watches, nobody looks.
 3. Everything here runs in the rack's loop.  A watcher must not wait.
-4. What is set from outside is told even if it is as it was: whoever looked on may show less.
+4. What is set from outside, by whatever way, is told even if it is as it was: whoever looked on
+   may show less.
 5. Messages of a line (``traffic``) are told to whoever asks for them, ``LOOK_S`` apart.
 """
 
@@ -20,6 +21,7 @@ from axistwin.kernel.time import Nanos
 from axistwin.runtime.any_twin import AnyTwin
 from axistwin.runtime.serving.rack import Rack, RackDevice
 from axistwin.runtime.serving.traffic import LineTraffic, WatchedLine
+from axistwin.runtime.simulation import ControlWorked
 
 LOOK_S = 0.05
 REST_S = 0.25
@@ -93,7 +95,7 @@ class _Watched:
     watchers: list[Watcher] = field(default_factory=list)
     active_until_s: float = 0.0
     looked_s: float = 0.0
-    unsubscribe: Callable[[], None] = lambda: None
+    unsubscribe: Callable[[], object] = lambda: None
 
 
 class Live:
@@ -134,15 +136,6 @@ class Live:
 
         return leave
 
-    def control_set(
-        self, device: RackDevice, time_ns: Nanos, control: str, value: Any = None
-    ) -> None:
-        """A control of ``device`` was set: tell it (rule 4), and look for what follows."""
-        self.touch(device)
-        watched = self._watched.get(device.name)
-        for watcher in tuple(watched.watchers) if watched is not None else ():
-            watcher(ControlSet(device.name, time_ns, control, value))
-
     def touch(self, device: RackDevice) -> None:
         """Something was done to ``device``: look at it soon."""
         watched = self._watched.get(device.name)
@@ -157,7 +150,9 @@ class Live:
         if event["event"] == "line_removed":
             gone = [name for name, each in self._watched.items() if each.device.line == line]
             for name in gone:
-                self._watched.pop(name).unsubscribe()
+                watched = self._watched.pop(name)
+                watched.unsubscribe()
+                watched.watchers.clear()
             if line in self._lines:
                 self._lines.pop(line).unsubscribe()
 
@@ -219,15 +214,24 @@ class Live:
         def told(twin: AnyTwin, trace: Trace) -> None:
             if twin is device.twin:
                 self.touch(device)
-                # Perhaps in another thread, which has the line: later, in the loop's.
-                self._rack.loop.call_soon(self._device_told, device.name, trace)
+                tell(DeviceTold(device.name, trace.time_ns, type(trace).__name__, str(trace)))
 
-        watched.unsubscribe = device.server.simulation.subscribe(told)
+        def worked(twin: AnyTwin, work: ControlWorked) -> None:
+            if twin is device.twin:
+                self.touch(device)
+                tell(ControlSet(device.name, work.time_ns, work.control, work.value))
 
-    def _device_told(self, name: str, trace: Trace) -> None:
-        watched = self._watched.get(name)
-        for watcher in tuple(watched.watchers) if watched is not None else ():
-            watcher(DeviceTold(name, trace.time_ns, type(trace).__name__, str(trace)))
+        def tell(event: RackEvent) -> None:
+            # Perhaps in another thread, which has the line: later, in the loop's.
+            self._rack.loop.call_soon(self._tell, watched, event)
+
+        simulation = device.server.simulation
+        ends = (simulation.subscribe(told), simulation.subscribe_worked(worked))
+        watched.unsubscribe = lambda: [end() for end in ends]
+
+    def _tell(self, watched: _Watched, event: RackEvent) -> None:
+        for watcher in tuple(watched.watchers):
+            watcher(event)
 
     # -- looking ------------------------------------------------------------------------------
 

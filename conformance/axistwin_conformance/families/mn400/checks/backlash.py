@@ -14,6 +14,7 @@ ORDER = 160
 
 LASH: Final = 100  # steps: 0.2 s at the speed of these checks
 SLOW: Final = 500
+RAMPED: Final = (200, 4000, 10_000)  # start, end, acceleration: at neither of these speeds for long
 ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
 
 
@@ -39,6 +40,33 @@ def a_turn_costs_the_steps_of_the_backlash(session: Session) -> None:
         for text in moves:
             names = ("MN4-BKL-01", "MN4-CMD-D-02", "MN4-CMD-B-01")
             motion.run(text, "MN4-CMD-B-01", names, "MN4-BKL-03", names, samples=6)
+
+
+@check("MN4-BKL-01", safety=MOTION)
+def a_move_begins_from_rest_behind_its_compensation(session: Session) -> None:
+    """With ramps: the compensation is a move of its own."""
+    motion = _ramped(session)
+    for text in ("M-300", "M300"):
+        motion.run(text, "MN4-BKL-01", samples=8)
+
+
+@check("MN4-BKL-07", safety=MOTION)
+def a_contour_begins_from_rest_behind_its_compensation(session: Session) -> None:
+    """The same of its first segment."""
+    motion = _ramped(session)
+    motion.set("(")
+    for text in ("M-150,10", "M-150,10"):
+        motion.do(text, "MN4-BKL-07")
+    motion.do(")", "MN4-BKL-07")
+    motion.follow("MN4-BKL-07", samples=8)
+
+
+def _ramped(session: Session) -> BoardMotion:
+    """Backlash on all axes, and a speed that is reached by ramps."""
+    motion = begun(session)
+    start, end = (motion.fast(speed) for speed in RAMPED[:2])
+    motion.ready(ALL, speed=end, profile=(start, end, RAMPED[2]))
+    return motion
 
 
 @check("MN4-BKL-02", "MN4-BKL-04", "MN4-CMD-L-03", safety=MOTION)

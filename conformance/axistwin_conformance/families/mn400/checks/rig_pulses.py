@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import (
+    LAG_S,
     MOTION,
+    NS,
     RIG_MOTION,
     BoardMotion,
     inside,
     told,
 )
-from axistwin_conformance.families.mn400.planner.pulses import threaded
+from axistwin_conformance.families.mn400.planner.pulses import (
+    TURN,
+    Spindle,
+    pulses_of,
+    threaded,
+    threaded_between,
+)
 from axistwin_conformance.families.mn400.planner.vector import axis_window, major_length
 
 ORDER = 310
@@ -24,6 +33,10 @@ PULSES: Final = ("rig:pulses", "rig:index")
 BY: Final = (100, -53, 0, 7)
 PIECES: Final = (1, 2, 40, 57, 90)  # pulses fed, one after the other; 190 together
 SETTLE_S: Final = 0.05
+
+SPINDLE: Final = ("rig:spindle",)
+RATE_ERROR: Final = Fraction(1, 10)  # of a spindle that is set, but not by a twin in this process
+LOOK_S: Final = 0.08
 
 
 def fed(motion: BoardMotion, count: int) -> tuple[int, ...]:
@@ -72,6 +85,72 @@ def _judge_pulses(motion: BoardMotion, base: Sequence[int], pulses: int) -> None
         is_right = inside(counters, tuple(place))
         names = ("MN4-THR-01", "MN4-THR-02", "MN4-CMD-T-01", "MN4-CMD-T-02")
         motion.session.expect(is_right, names, told(place), counters, f"after {done} of {pulses}")
+
+
+@check("MN4-THR-01", "MN4-THR-03", "MN4-THR-04", "MN4-CMD-T-01", safety=RIG_MOTION, needs=SPINDLE)
+def a_thread_keeps_step_with_its_spindle(session: Session) -> None:
+    """From the index on each step comes with its pulse, whatever the rate; none beyond the last."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(200, "these moves")
+    for rate, pulses, offset in ((1000, 1000, 0), (4000, 2000, 300)):
+        motion.needs_speed(rate * max(BY) // pulses, "these moves")
+        motion.ready()
+        spindle = _turned(motion, rate)
+        text = f"T{','.join(map(str, BY))},{pulses},{offset}"
+        low, high = spindle.pulses(motion.span(motion.driver.draws(text, DONE, "MN4-CMD-T-01")))
+        if motion.driver.reading("threader_start") == "index":
+            low, high = ((one // TURN + 1) * TURN for one in (low, high))
+        _judge_pace(motion, spindle, (low + offset, high + offset), pulses)
+        motion.stays("MN4-THR-04")
+
+
+@check("MN4-THR-01", "MN4-THR-04", "MN4-CMD-T-01", safety=RIG_MOTION, needs=SPINDLE)
+def a_thread_waits_for_a_spindle_that_stands(session: Session) -> None:
+    """Where it was when that stopped; it goes on with the next pulse, at any rate, to its end, and
+    a move behind it begins at once."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(200, "these moves")
+    rate, pulses = 1000, 2000
+    motion.needs_speed(4 * rate * max(BY) // pulses, "these moves")
+    motion.ready()
+    spindle = _turned(motion, rate)
+    motion.driver.draws(f"T{','.join(map(str, BY))},{pulses}", DONE, "MN4-CMD-T-01")
+    while motion.read()[0][0] < BY[0] // 2:
+        over = spindle.pulses(motion.now)[0] > TURN + pulses
+        session.expect(not over, "MN4-THR-01", "a thread under way", "none", f"at {rate} Hz")
+        motion.target.wait(LOOK_S)
+    session.rig.work("spindle", 0)
+    counters = motion.stays("MN4-THR-04")
+    low, high = pulses_of(counters[0], BY[0], pulses)
+    end = _judge_pace(motion, _turned(motion, 4 * rate), (-high, -low), pulses)
+    motion.model.observe(end)
+    motion.run("M50", "MN4-CMD-T-01")
+
+
+def _turned(motion: BoardMotion, rate: int) -> Spindle:
+    """Let the spindle turn, at so many pulses per second."""
+    rig = motion.session.rig
+    began, done = (Fraction(one, NS) for one in rig.work("spindle", rate))
+    return Spindle(rate, (began, done), Fraction(0) if rig.is_exact else RATE_ERROR)
+
+
+def _judge_pace(
+    motion: BoardMotion, spindle: Spindle, before: tuple[int, int], pulses: int
+) -> tuple[int, ...]:
+    """Judge the counters until a threading move of so many pulses must be over, and give the last;
+    `before`: how many pulses of the spindle come before its first, at least and at most."""
+    lag = 0 if motion.target.is_virtual else LAG_S
+    done, counters = (0, 0), tuple[int, ...]()
+    while done[0] < pulses:
+        motion.target.wait(LOOK_S)
+        counters, (first, last) = motion.read()
+        low, high = spindle.pulses((first - lag, last))
+        done = low - before[1], high - before[0]
+        place = tuple(threaded_between(by, done, pulses) for by in BY)
+        name = "MN4-THR-03" if done[1] <= 0 else "MN4-THR-01"
+        when = f"after {done[0]} to {done[1]} of {pulses} pulses"
+        motion.session.expect(inside(counters, place), name, told(place), counters, when)
+    return counters
 
 
 @check("MN4-THR-06", "MN4-CMD-T-03", safety=RIG_MOTION, needs=PULSES)

@@ -23,6 +23,7 @@ SPEED: Final = 200  # steps/s, below the start speed: no ramps
 STEPS: Final = 60
 MOVE_S: Final = STEPS / SPEED
 SLACK_S: Final = 0.02  # within which boards that hear one K begin
+LONG: Final = -2_000_000_000  # a counter that takes as many characters as any
 LONGEST_VALUE: Final = 60  # bytes of the longest packet that E draws
 TALKS: Final = 12  # exchanges with one board that the others hear
 
@@ -141,7 +142,7 @@ def a_board_is_found_by_a_poll_of_all_at_its_rate(session: Session) -> None:
 @check("MN4-DROP-04", "MN4-PKT-07", needs=SEVERAL)
 def an_order_to_all_boards_is_carried_out_by_each(session: Session) -> None:
     """L to id 0 loads the counters of every board; whether and when they answer is as this line has
-    it (MN4-AMB-07), and E to id 0 has every board tell its own."""
+    it (MN4-AMB-07), and E to id 0 has every board tell its own, however long they are."""
     boards = everybody(session)
     client, reading = boards[0].client, boards[0].reading("broadcast_reply")
     with all_put_back(boards, "L"):
@@ -152,12 +153,14 @@ def an_order_to_all_boards_is_carried_out_by_each(session: Session) -> None:
             session.expect(is_right, "MN4-DROP-04", "11, -12, 13, -14", position)
         _judge_replies(boards, exchange, reading, DONE)
         for number, driver in enumerate(boards):
-            driver.command(f"L{number},0,0,0")
+            driver.command(f"L{LONG + number},{LONG},{LONG},{LONG}")
         exchange = client.ask_all("E", boards[0].slots_s(LONGEST_VALUE))
         _judge_replies(boards, exchange, reading, DATA)
         if reading == "staggered":
             values = [(one.board, one.fields) for one in exchange.found if one.code is None]
-            wanted = sorted((driver.board, (n, 0, 0, 0)) for n, driver in enumerate(boards))
+            wanted = sorted(
+                (driver.board, (LONG + n, LONG, LONG, LONG)) for n, driver in enumerate(boards)
+            )
             names = ("MN4-DROP-04", "MN4-PKT-07")
             session.expect(sorted(values) == wanted, names, wanted, values)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from axistwin_conformance.families.mn400.planner.pulses import TURN
 from axistwin_conformance.transport.rig import POWER, RigControl, rig_controls
 
 POWER_NAME: Final = POWER.capability
@@ -63,6 +64,12 @@ BOARD_CONTROLS: Final = rig_controls(
     _pulse(
         "index", "threader", "gives the index pulse of the threader", "Give one index pulse.",
         "an index pulse was given", "index_pulse",
+    ),
+    RigControl(
+        "spindle", "hertz", f"turns a spindle whose encoder gives an index every {TURN} pulses",
+        ("Turn the spindle at {value} pulses per second, within 10 %.", "Stop the spindle."),
+        ("the spindle was set to {value} pulses per second", "the spindle was stopped"),
+        "spindle_hz", rest=None,
     ),
     POWER,
 )  # fmt: skip

@@ -81,6 +81,15 @@ class MacCanFamily(Family):
             return frame.identifier == LMT_REPLY
         return frame.identifier - REPLY == request.identifier - REQUEST
 
+    def is_from_device(self, frame: "CanFrame") -> bool:
+        """By its identifier."""
+        from axistwin.devices.mac.can.device import BOOT_UP, EMERGENCY, LMT_REPLY, REPLY
+
+        if frame.identifier == LMT_REPLY:
+            return True
+        address = frame.identifier & 0x7F
+        return bool(address) and frame.identifier - address in (REPLY, BOOT_UP, EMERGENCY)
+
 
 MODELS: Final = (
     Model(
