@@ -8,13 +8,12 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from zoo import ZOO
 
+from axistwin.devices.mac.axis.stops import Stops
 from axistwin_conformance.cli import conform
 
 pytestmark = pytest.mark.strength
 
-STOP_NOTICED_LATE = next(one for one in ZOO if one.name == "the_superior_stop_is_noticed_late")
 ALLOWED = ("--allow", "motion,stored,destructive")
 
 # switch, reading, the check that has to notice
@@ -160,10 +159,18 @@ def test_a_start_of_the_wrong_length_is_told_by_the_query_that_shows_it(
 
 
 @pytest.mark.parametrize("reading", ["strict", "equal"])
-def test_how_far_a_stop_was_overrun_is_one_number(reading: str) -> None:
+def test_how_far_a_stop_was_overrun_is_one_number(
+    reading: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In the sentence, and above the exchange that shows it, where it can be counted."""
-    with STOP_NOTICED_LATE.plant():
-        found = told_of(f"soft_stop_compare={reading}", "beyond_a_software_stop_every_motion_ends")
+    stands = Stops._first_forbidden
+    monkeypatch.setattr(
+        Stops, "_first_forbidden", lambda stops, way: stands(stops, way) - 2 * (way < 0)
+    )
+    found = told_of(
+        f"soft_stop_compare={reading}&quirk.brake_increments=5",
+        "beyond_a_software_stop_every_motion_ends",
+    )
     lines = [f"{one['text']} {one['decoded']}" for one in found["transcript"]]
     earlier = " ".join(lines[: lines.index("in this check: ")])
     [stop] = re.findall(r"superior software stop (\d+)", earlier)
