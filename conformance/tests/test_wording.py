@@ -259,8 +259,7 @@ AT_37 = "06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 32 35 31 37 03 1A"
 
 
 def test_the_place_where_a_move_began_comes_first() -> None:
-    """As the device showed it before anything changed it, 0 as well; nothing where nothing
-    moves."""
+    """As the device showed it before anything changed it, even 0; nothing where nothing moves."""
     records = [host(0, 0x20), answered(1, AT_37), host(2, 0x0F, 1), host(4, 0x13, 80)]
     later = [host(6, 0x20), answered(7, AT_37.replace("32 35 31 37", "30 30 31 30"))]
     told = telling([*records, *later, host(8, 0x18)], in_words, ("acceptance",), "nothing")
