@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "conformance" / "tests"))
 
 from sweeping.journal import Journal, run_all  # noqa: E402
+from sweeping.real_runs import PTY  # noqa: E402
 from sweeping.runs import INTERFACES, VIRTUAL, Row, Setting  # noqa: E402
 from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep, Sweep  # noqa: E402
 
@@ -29,14 +30,16 @@ def options() -> argparse.Namespace:
     parser.add_argument("--number", type=int, default=40, help="of devices, of each model")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", type=int, action="append", help="that device alone, told in full")
-    parser.add_argument("--interface", choices=(VIRTUAL, *INTERFACES), help="before the twin")
+    interfaces = (VIRTUAL, *INTERFACES, PTY)  # a pty: in real time, faults only
+    parser.add_argument("--interface", choices=interfaces, help="before the twin")
     parser.add_argument("--level", choices=("quick", "full"))
     parser.add_argument("--singles", action="store_true", help="quirks: every switch by itself")
+    parser.add_argument("--at-once", type=int, default=0, help="quirks: pools of so many switches")
     parser.add_argument("--exitfirst", action="store_true", help="end a run with the first failure")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--limit", type=float, default=300.0, help="processor time of a run, s")
     parser.add_argument("--folder", type=Path, default=ROOT / "sweeps", help="of the rows")
-    asked = parser.parse_args()
+    asked = parser.parse_intermixed_args()
     if unknown := set(asked.models) - set(MODELS):
         parser.error(f"no model is named {', '.join(sorted(unknown))}")
     return asked
@@ -50,10 +53,13 @@ def sweep(asked: argparse.Namespace, model: str) -> int:
     setting = Setting(model, interface, level, asked.limit, asked.exitfirst)
     words = [asked.sweep, model, level, interface.replace(" ", "-"), f"seed-{asked.seed}"]
     words += [name for name in ("singles", "exitfirst") if getattr(asked, name)]
+    words += [f"at-once-{asked.at_once}"] if asked.at_once else []
     journal = Journal(asked.folder / ("_".join(words) + ".jsonl"))
     judge: Sweep
     if is_quirks:
-        judge = quirks = QuirkSweep(setting, asked.seed, is_single=asked.singles)
+        judge = quirks = QuirkSweep(
+            setting, asked.seed, is_single=asked.singles, at_once=asked.at_once
+        )
         if 0 not in journal.rows:
             journal.add({"number": 0, **quirks.judge(0)})
         quirks.usual = frozenset(journal.rows[0]["judged"])

@@ -134,7 +134,7 @@ def test_what_is_done_to_the_device_stands_between_the_requests() -> None:
 
 
 TARGET = f"built-in twin ({TWIN})"
-RUN = {"model": "mac23", "baud": 38400, "bitrate": None}
+RUN = {"model": "mac23", "baud": 38400, "bitrate": None, "address": 0}
 POWERED = ("rig: the power was switched off", "rig: the power was switched on")
 
 
@@ -190,6 +190,17 @@ def test_what_comes_unasked_is_listened_for_before_the_device_is_worked() -> Non
         "axistwin send /dev/ttyUSB0 --model mac23 --baud 38400 'wait 22600 ms'",
         "now: Switch the supply on.",
     ]
+
+
+def test_a_module_elsewhere_is_named_to_what_is_typed_in_words() -> None:
+    """Bytes hold their address."""
+    go, look = Record(0, Direction.NOTE, text="go to 0"), Record(0, Direction.HOST, b"\x02\x02")
+    told = [{**one, "decoded": ""} for one in plain([look])]
+    run = {**RUN, "target": "/dev/ttyUSB0", "address": 5}
+    for before, more in (((), ""), (plain([go]), " --address 5 'go to 0'")):
+        one = Statement("fail", "It did not.", "", told, (), [0], before=before)
+        [line] = in_lines(run, one)
+        assert line.endswith(f"--baud 38400{more} '02 02'")
 
 
 def test_a_slow_reply_is_waited_for() -> None:

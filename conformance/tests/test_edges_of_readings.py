@@ -29,6 +29,8 @@ EDGES = [
     ("msc-250", "rflags_unsupported", "ack_no_reply"),  # it has RFLAGS
     ("mac23", "reply_latency_us", "450000"),
     ("mac23-can", "reply_latency_us", "300000"),
+    ("mn400", "multiplex_cap", "error"),  # it refuses what others clip
+    ("mn400", "feedhold_power_on", "1"),
 ]
 
 

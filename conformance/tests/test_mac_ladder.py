@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -28,6 +29,7 @@ IDS = (
     "MACS-LINE-02", "MACS-REPLY-07", "MACS-REPLY-08", "MACS-REPLY-09", "MACS-REPLY-10",
     "MACS-Q-24-01", "moves_take_the_time_of_the_closed_form",
 )  # fmt: skip
+CUT_NS = 6_500_000_000
 PIECE_S = 0.05  # of silence, after which a reply is over
 
 
@@ -79,8 +81,40 @@ class Turned(PortInFront):
         self.port.close()
 
 
+class Deaf(PortInFront):
+    """The built-in twin that does not hear some requests."""
+
+    def __init__(self, port: Any, is_lost: Callable[[bytes, int], bool]) -> None:
+        super().__init__(port)
+        self._is_lost = is_lost  # what, and when (ns)
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+        return int(self.port.in_waiting)
+
+    def write(self, data: bytes) -> int:
+        """Pass on what is heard."""
+        is_lost = self._is_lost(data, self.virtual_time_ns)
+        return len(data) if is_lost else int(self.port.write(data))
+
+    def read(self, size: int = 1) -> bytes:
+        """What comes."""
+        self.port.timeout = self.timeout
+        return bytes(self.port.read(size))
+
+    def close(self) -> None:
+        """Close."""
+        self.port.close()
+
+
 def judged(turn: Turn, *, is_lossless: bool, late_ns: int = 0, query: str = "") -> Result:
     """A run that may move and store, over a line with that module."""
+    return judged_over(lambda port: Turned(port, turn, late_ns), is_lossless, query)
+
+
+def judged_over(make: Callable[[Any], Any], is_lossless: bool, query: str = "") -> Result:
+    """The same, with that in front of the built-in twin."""
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
     options = make_options(model="mac23", ids=IDS, allow="motion,stored", level="quick")
@@ -88,7 +122,7 @@ def judged(turn: Turn, *, is_lossless: bool, late_ns: int = 0, query: str = "") 
 
     def opened(neighbours: tuple[int, ...]) -> SerialTransport:
         url = options.family.twin_url(options.model, options.address, neighbours) + query
-        port = Turned(serial.serial_for_url(url, baudrate=38400), turn, late_ns)
+        port = make(serial.serial_for_url(url, baudrate=38400))
         return SerialTransport(port, url, is_builtin=True, is_lossless=is_lossless)
 
     result = Engine(options, opened).run(lambda event: None)
@@ -231,3 +265,32 @@ def test_a_module_that_acknowledges_when_the_motion_is_over_fails(is_lossless: b
     """It has said nothing wrong, but too late."""
     result = judged(lambda raw: raw, is_lossless=is_lossless, late_ns=1_500_000_000)
     assert result.exit_status == 1, result.sentence
+
+
+@pytest.mark.parametrize("is_heard", [0, 5])
+def test_a_module_that_answers_queries_and_no_command_fails(is_heard: int) -> None:
+    """From the start, or after so many commands: on a real line too this is no silence."""
+    commands = itertools.count()
+
+    def is_lost(data: bytes, now: int) -> bool:
+        is_command = data[6:8] < b"20"
+        return is_command and next(commands) >= is_heard
+
+    result = judged_over(lambda port: Deaf(port, is_lost), is_lossless=False)
+    assert result.exit_status == 1, result.sentence
+    assert failed(result) == {"MACS-REPLY-01"}
+
+
+def test_a_line_that_is_cut_for_a_while_fails_no_module() -> None:
+    """Seconds more than end a run, in the middle of what it is brought to rest by."""
+    cut: list[int] = []
+
+    def is_lost(data: bytes, now: int) -> bool:
+        if data[6:8] == b"18" and not cut:
+            cut.append(now)
+        return bool(cut) and now - cut[0] < CUT_NS
+
+    result = judged_over(lambda port: Deaf(port, is_lost), is_lossless=False)
+    assert cut
+    assert failed(result) == set(), result.sentence
+    assert verdict(result, "MACS-CMD-13-01") is Verdict.PASS

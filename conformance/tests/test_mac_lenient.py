@@ -360,6 +360,17 @@ def test_nothing_that_comes_makes_it_fall_over(index: int, reply: list[int]) -> 
         assert codec.parse(read.mended).kind is not ReplyKind.GARBAGE
 
 
+def test_no_byte_of_a_reply_makes_it_fall_over() -> None:
+    """Whatever stands in its place, or if it is missing, or comes twice."""
+    request, sound = codec.frame(5, 0x27, 0), Answer(b"05", b"7", b"00000007").put()
+    for reply, at in [(one, at) for one in (sound, ACCEPTED) for at in range(len(one))]:
+        before, behind = reply[:at], reply[at + 1 :]
+        for put in (b"", reply[at : at + 1] * 2, b"\0", b"G", b"g", b"\x15", b"\x80", b"\xa4"):
+            came = before + put + behind
+            read = lenient(request, came)
+            assert read is None or read.departures or read.mended == came
+
+
 def test_of_a_beginning_no_more_is_handed_on_than_has_come() -> None:
     """Whoever has read a whole reply sends the next request, into the rest of this one."""
     request, sound = codec.frame(5, 0x20, 0), Answer(b"05", b"0", b"00000007").put()

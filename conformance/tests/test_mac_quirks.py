@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
+from axistwin.devices.mac.axis.stops import Stops
 from axistwin_conformance.cli import conform
 
 pytestmark = pytest.mark.strength
@@ -134,3 +136,45 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
     status, findings = judge(f"reply_latency_us={latency_ms}000", *names, "--allow", "rig")
     bad = [one for one in findings if one["verdict"] in ("fail", "inconclusive")]
     assert (bad, status) == ([], 0)
+
+
+def told_of(quirk: str, check: str) -> dict[str, Any]:
+    """The failure of that check on a twin with one quirk."""
+    return next(one for one in judge(quirk, check)[1] if one["verdict"] == "fail")
+
+
+@pytest.mark.parametrize(
+    ("boot_time_ms", "begin"),
+    [
+        (900, r"20h \(position\), sent 9\d\d ms .*was answered; expected no .* less than 1500 ms"),
+        (3500, r"No query sent less than 35\d\d ms .*was answered; expected an .* sent 2500 ms"),
+    ],
+)
+def test_a_start_of_the_wrong_length_is_told_by_the_query_that_shows_it(
+    boot_time_ms: int, begin: str
+) -> None:
+    """One that is answered too early, or those that are not."""
+    found = told_of(f"boot_time_ms={boot_time_ms}", "after_00h_it_is_deaf_for_two_seconds")
+    assert re.match(begin, found["sentence"])
+
+
+@pytest.mark.parametrize("reading", ["strict", "equal"])
+def test_how_far_a_stop_was_overrun_is_one_number(
+    reading: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the sentence, and above the exchange that shows it, where it can be counted."""
+    stands = Stops._first_forbidden
+    monkeypatch.setattr(
+        Stops, "_first_forbidden", lambda stops, way: stands(stops, way) - 2 * (way < 0)
+    )
+    found = told_of(
+        f"soft_stop_compare={reading}&quirk.brake_increments=5",
+        "beyond_a_software_stop_every_motion_ends",
+    )
+    lines = [f"{one['text']} {one['decoded']}" for one in found["transcript"]]
+    earlier = " ".join(lines[: lines.index("in this check: ")])
+    [stop] = re.findall(r"superior software stop (\d+)", earlier)
+    *_, place = re.findall(r"(\d+) increments", earlier)
+    beyond = f"{int(place) - int(stop)} increments beyond the superior"
+    assert f"earlier in this run {beyond}" in found["sentence"]
+    assert f"came to rest {beyond}" in earlier

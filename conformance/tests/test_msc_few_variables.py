@@ -44,6 +44,16 @@ def test_a_check_that_needs_more_variables_than_are_named_says_how_many(first: i
                     assert TOLD.search(one.text), one.text
 
 
+def test_a_bench_program_that_could_not_be_read_is_not_used() -> None:
+    """A unit that refuses one of its addresses: the run drops the program, and no check falls."""
+    scratch = ScratchArea(range(2048, 2112), range(128, 136), program=None)
+    for name in (one.name for one in QUICK if "program" in one.needs):
+        findings = judge(name, TwinPort(), settings=scratch)
+        assert {(one.verdict, one.text) for one in findings} == {
+            (Verdict.NOT_RUN, "what the bench program uses could not all be read")
+        }, name
+
+
 @pytest.mark.parametrize("named", [range(5, 6), range(2048, 2049), range(2051, 2057)])
 def test_a_run_with_hardly_a_variable_judges_the_rest(named: range) -> None:
     """The built-in twin, everything allowed: sequences, the machine and rig checks among them."""

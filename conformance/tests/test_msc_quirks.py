@@ -153,6 +153,13 @@ def test_a_time_limit_as_long_as_a_packet_tells_nothing_of_overlength() -> None:
     assert "overlength" not in result.readings
 
 
+def test_a_time_limit_that_runs_out_while_a_late_repeat_is_awaited_tells_nothing() -> None:
+    """A unit takes a second to speak, and T1 is 260 ms: it has broken the packet off meanwhile."""
+    _, result = TWINS.detected("&quirk.packet_timeout_ms=260&quirk.response_delay_ms=1084")
+    assert result.readings["packet_timeout_ms"] == "260"
+    assert "stx_while_waiting" not in result.readings
+
+
 @pytest.mark.soak
 def test_a_line_at_9600_baud_shows_the_same(tmp_path: Path) -> None:
     """All that can be asked over a pty, with times told in steps that the line does not blur."""

@@ -98,6 +98,12 @@ def lost_now_and_then(self: Controller, number: int, *, on: bool) -> bytes | Non
     return Controller.turn(self, number, on=on) if self.notes["turned"] % 9 else b""
 
 
+def each_second_is_lost(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """Of the SFLAGs; among an even number of flags these are the same ones in every round."""
+    self.notes["set"] += on
+    return Controller.turn(self, number, on=on and self.notes["set"] % 2 == 0)
+
+
 def toggles(self: Controller, number: int, *, on: bool) -> bytes | None:
     """SFLAG turns a flag that is on off."""
     return Controller.turn(self, number, on=on and number not in self.on)
@@ -133,7 +139,7 @@ def test_a_flag_that_the_program_takes_is_told() -> None:
 
 
 @pytest.mark.parametrize("has_rflags", [True, False])
-@pytest.mark.parametrize("turn", [None, toggles, next_one, lost_now_and_then])
+@pytest.mark.parametrize("turn", [None, toggles, next_one, lost_now_and_then, each_second_is_lost])
 def test_flags_that_follow_or_show_a_fault_are_left_to_the_checks(
     turn: Callable[..., bytes | None] | None, has_rflags: bool
 ) -> None:
@@ -188,7 +194,9 @@ def test_a_unit_that_loses_what_is_written_to_many_flags_fails(
     assert verdict(result, "MSC-DWRITE-02") is Verdict.PASS
 
 
-@pytest.mark.parametrize("turn", [next_one, without_high_bit, toggles, lost_now_and_then])
+@pytest.mark.parametrize(
+    "turn", [next_one, without_high_bit, toggles, lost_now_and_then, each_second_is_lost]
+)
 def test_a_unit_that_writes_flags_wrongly_fails_over_a_port(
     turn: Callable[..., bytes | None],
 ) -> None:

@@ -13,9 +13,9 @@ from sweeping import wrong_device
 from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.journal import Journal, run_all
-from sweeping.readings import FIXED, drawn, misread, singles
+from sweeping.readings import FIXED, drawn, misread, pooled, singles, unread
 from sweeping.runs import LONGEST_S, Setting
-from sweeping.sweeps import FaultSweep, QuirkSweep
+from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
 
 from axistwin.catalog import models
@@ -38,6 +38,7 @@ UNKNOWN = [
     Fault("byte of a reply", "bits flipped", at=0, amount=0x80),
     Fault("byte of a reply", "bits flipped", at=17, amount=0xFF),
     Fault("effect", "refused", FORMATS["mac23"].commands),
+    Fault("effect", "none, no reply", FORMATS["mac23"].commands, When(first=5)),
 ]
 EXAMPLES = [
     ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),
@@ -91,6 +92,18 @@ def test_the_same_seed_is_the_same_devices(model: str) -> None:
     assert {len(one) for one in pairs} == {1, 2}
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_pools_hold_every_value_of_every_switch_once(model: str) -> None:
+    """And no switch twice, and no pool is larger than was asked for."""
+    waiting = [item for one in singles(model, "7") for item in one.items()]
+    pools = pooled(model, "7", 8)
+    while waiting:
+        pool = next(pools)
+        assert 0 < len(pool) <= 8
+        for item in pool.items():
+            waiting.remove(item)
+
+
 @pytest.mark.parametrize("model", FORMATS)
 def test_every_drawn_value_is_one_that_the_twin_takes(model: str) -> None:
     """No draw is a mistake of the draw's own, and no switch is left out without a reason."""
@@ -131,8 +144,10 @@ def test_a_reading_is_misread_only_if_what_is_told_excludes_it() -> None:
         "boot_time_ms": ["1702", []], "xon_byte": ["1Ah", []], "step_phase": [None, []],
         "ramp_law": [None, ["equal_increments", "equal_time"]],
     }  # fmt: skip
-    wrong = misread("mac23", truth, {"detected": told, "named": {}})
-    assert wrong == {"xon_byte": "1Ah told, 11h is so"}
+    row = {"detected": told, "named": {}}
+    assert misread("mac23", truth, row) == {"xon_byte": "1Ah told, 11h is so"}
+    truth |= {"step_phase": "any", "ramp_law": "equal_time"}
+    assert unread("mac23", truth, row) == ("step_phase",)
 
 
 @pytest.mark.system
@@ -206,6 +221,16 @@ def test_a_module_whose_replies_are_all_wrong_in_one_byte_is_one(fault: Fault) -
 
 
 @pytest.mark.strength
+def test_a_query_that_is_never_answered_soundly_is_no_error_of_the_suite() -> None:
+    """Neither the byte that is no digit, nor what rests on that query."""
+    fault = Fault("byte of a reply", "bits flipped", ("27",), at=9, amount=146)
+    setting = Setting("mac23", "a plain port", "quick", 300)
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["errors"] == []
+    assert row["outcome"] == "caught", row
+
+
+@pytest.mark.strength
 def test_a_unit_1_alone_on_two_wires_conforms() -> None:
     """Nothing but what is spoilt when both talk tells it from one on RS-232."""
     row = QuirkSweep(Setting("msc-250", "a plain port", "quick", 300), seed=1).judge_readings(
@@ -215,8 +240,9 @@ def test_a_unit_1_alone_on_two_wires_conforms() -> None:
 
 
 @pytest.mark.strength(seconds=60)
-@pytest.mark.parametrize("model", FORMATS)
+@pytest.mark.parametrize("model", MODELS)
 def test_a_sample_of_other_readings_conforms(model: str) -> None:
     """The sweep itself is `scripts/sweep_quirks`."""
-    sweep = QuirkSweep(Setting(model, "virtual", "quick", 300), seed=1)
-    assert sweep.judge(1)["outcome"] in ("sound", "unread")
+    sweep = QuirkSweep(Setting(model, "virtual", "quick", 300), seed=1, at_once=8)
+    row = sweep.judge(1)
+    assert row["outcome"] in ("sound", "unread"), row["why"]

@@ -99,6 +99,19 @@ def test_a_check_that_says_all_itself_is_not_added_to() -> None:
     assert told.decisive == (0, 2)
 
 
+def test_what_a_check_names_stands_beside_what_is_likely() -> None:
+    """Where the clause leaves the condition open; each once, in the order of time."""
+    records = [host(0, 0x0F, 5), host(1, 0x0D, 900), host(2, 0x13, 9), host(60, 0x20)]
+    for causes in (("0Fh (",), ("0Fh (", "13h (")):
+        seen = Observation("{request} read 3", wanted="9", causes=causes, is_whole=False)
+        told = telling(records, in_words, ("9",), seen)
+        assert told.sentence == (
+            "After 0Fh (ramp coefficient 5), 58 ms after 13h (go to position 9),"
+            " 20h (position) read 3; expected 9."
+        )
+        assert told.decisive == (0, 2, 3)
+
+
 def test_silence_says_how_long_was_waited() -> None:
     """As the transcript has it."""
     silence = Record(0, Direction.SILENCE, text="nothing for 512 ms")
@@ -246,12 +259,17 @@ AT_37 = "06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 32 35 31 37 03 1A"
 
 
 def test_the_place_where_a_move_began_comes_first() -> None:
-    """As the device showed it before anything changed it; nothing for an axis at 0, or at rest."""
+    """As the device showed it before anything changed it, even 0; nothing where nothing moves."""
     records = [host(0, 0x20), answered(1, AT_37), host(2, 0x0F, 1), host(4, 0x13, 80)]
     later = [host(6, 0x20), answered(7, AT_37.replace("32 35 31 37", "30 30 31 30"))]
     told = telling([*records, *later, host(8, 0x18)], in_words, ("acceptance",), "nothing")
     assert [one.text for one in told.before] == ["go to 37", "wait 1370 ms"]
+    at_0 = answered(1, "06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 30 30 31 30 03 1A")
+    told = telling([records[0], at_0, *records[2:], *later, host(8, 0x18)], in_words, ("1",), "2")
+    assert [one.text for one in told.before] == ["go to 0", "wait 1000 ms"]
     assert telling([*records[:2], host(2, 0x25)], in_words, ("1",), "2").before == ()
+    asked = [records[0], at_0, host(2, 0x20)]
+    assert telling(asked, in_words, ("1",), "2").before == ()
 
 
 def test_by_hand_sends_only_what_the_last_request_depends_on() -> None:

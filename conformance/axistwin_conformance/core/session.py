@@ -555,13 +555,13 @@ def failure(
     return told.finding(requirement, expected, actual, text, records, EXCERPT_RECORDS)
 
 
-def earlier(session: Session, switch: str, *causes: str) -> tuple[Record, ...]:
+def earlier(session: Session, switch: str, *causes: str, did: str = "") -> tuple[Record, ...]:
     """The exchange by which the device has shown its reading of a switch, under a note that says
-    so; `causes`: see `Observation`.  Nothing if that is not known here."""
+    so, or what it `did`; `causes`: see `Observation`.  Nothing if that is not known here."""
     run, reading = session.run, session.run.readings.get(switch)
     records = shown_exchange(run.shown.get(switch, ()), run.family.in_words, causes)
     if not records or reading is None:  # several readings explain it
         return ()
-    did = run.ledger.ambiguity_of(switch).in_words(switch, reading)
+    did = did or run.ledger.ambiguity_of(switch).in_words(switch, reading)
     note = f"earlier in this run, the device {did}:"
     return (Record(records[0].time_ns, Direction.NOTE, text=note), *records)

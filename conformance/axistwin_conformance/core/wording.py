@@ -115,9 +115,10 @@ class Observation:
     expected there; empty: the clause.  `wanted`: what is expected, in this sentence; empty: as the
     report has it.  `request`: the one that is judged; none: what was sent last.  `causes`: words of
     those requests before it that led there, to be shown beside it.  `is_whole`: the clause names
-    the condition that matters; otherwise what led there is put before it.  `rule`: the one that is
-    applied, where it is not what the requirement says.  `earlier`: an exchange before this check
-    that the device is held to, under a note that says what it showed.
+    the condition that matters; otherwise what led there is put before it, what `causes` names
+    included.  `rule`: the one that is applied, where it is not what the requirement says.
+    `earlier`: an exchange before this check that the device is held to, under a note that says what
+    it showed.
     """
 
     clause: str
@@ -224,10 +225,12 @@ def telling(
     causes = _causes(before, judged, is_sequence=is_sequence) if judged else []
     if seen is not None:
         clause = _clause(seen.clause, judged, records)
+        named = [act for act in (_latest(acts, words) for words in seen.causes) if act is not None]
         if seen.is_whole:
-            named = [_latest(acts, words) for words in seen.causes]
-            rigs = [act for act in causes if act.is_rig]
-            causes = [*rigs, *(act for act in named if act is not None)]
+            causes = [*(act for act in causes if act.is_rig), *named]
+        else:
+            chosen = {act.first: act for act in (*causes, *named)}
+            causes = [act for _, act in sorted(chosen.items())]
     else:
         value = _as_expected(_plain(_short(str(actual).strip() or "nothing")), expected, glossary)
         value = _spelt(value, glossary)
@@ -240,7 +243,8 @@ def telling(
     decisive = _decisive(causes, judged, records)
     by_hand, no_hand, needs = _by_hand(acts, judged, causes)
     no_hand = no_hand or (seen.by_hand if seen else "")
-    led = state_before(acts, needs, describe, history) if by_hand else ()
+    sent = [act for act in acts if act.first in by_hand]
+    led = state_before(acts, sent, needs, describe, history) if by_hand else ()
     return Telling(text[0].upper() + text[1:], decisive, by_hand, no_hand, led)
 
 
@@ -427,12 +431,14 @@ def _changing(
 
 def state_before(
     acts: Sequence[_Act],
+    sent: Sequence[_Act],
     needs: frozenset[str],
     describe: Describe,
     history: Callable[[], Sequence[Record]],
 ) -> tuple[Record, ...]:
     """What to send first: of what was set earlier in the run all that matters and is not as the run
-    has found it, and then, for an axis, the way to where it was when the check began."""
+    has found it, and then, for an axis, the way to where it was when the check began: to
+    0 only if what is then `sent` moves it."""
     began_ns = acts[0].time_ns
     shown: dict[str, str | None] = {}
     for act in acts:
@@ -454,6 +460,8 @@ def state_before(
             has_moved = True
             steps.append(_typed(f"wait {past.lasts_ns / 1e6:.0f} ms"))
     place = shown.get(PLACE)
+    # What is asked at 0 and moves nothing is no reason to move a device.
+    has_moved |= any(act.exchange.effect in MOVING[:2] for act in sent)
     if PLACE in needs and place is not None and (has_moved or int(place)):
         lasts_ns = STARTS_IN_NS + abs(int(place)) * SLOWEST_INCREMENT_NS
         steps += [_typed(f"go to {place}"), _typed(f"wait {lasts_ns / 1e6:.0f} ms")]

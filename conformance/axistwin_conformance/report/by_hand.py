@@ -20,6 +20,7 @@ LONG_NS: Final = 900_000_000  # what comes later than that, 'axistwin send' does
 MARGIN_NS: Final = 500_000_000  # what comes unasked may come a little later than it did
 HAND_MS: Final = 20_000  # within which somebody has done what is to be done to the device
 WAIT: Final = "wait "
+GO: Final = "go to "
 LONGEST_NS: Final = 2_500_000_000  # between an earlier exchange and this one nothing counts
 
 CONTROL: Final = "127.0.0.1:8080"  # where 'axistwin ctl' looks for a daemon
@@ -169,6 +170,10 @@ def send_command(run: Mapping[str, Any], *requests: str, timeout_s: int = 0) -> 
     rate = run["baud"] or run["bitrate"]
     words += ["--baud", str(rate)] if rate else []
     words += ["--timeout", str(timeout_s)] if timeout_s else []
+    family = _family(run["model"])
+    is_elsewhere = family is not None and run["address"] not in (None, family.default_address)
+    if is_elsewhere and any(step.startswith(GO) for step in requests):  # bytes hold theirs
+        words += ["--address", str(run["address"])]
     return shlex.join([*words, *requests])
 
 

@@ -140,6 +140,7 @@ class TerminalReport:
         self._finished: list[events.CheckFinished] = []
         self._judged: list[events.RequirementJudged] = []
         self._readings: list[events.ReadingSeen] = []
+        self._notes: set[str] = set()
         self._profile: events.ProfileJudged | None = None
 
     def __enter__(self) -> TerminalReport:
@@ -174,7 +175,8 @@ class TerminalReport:
                     self._print(event.text, style="dim")
             case events.SoakProgress():
                 self._soak(event)
-            case events.Note():
+            case events.Note() if event.text not in self._notes:  # each check may say the same
+                self._notes.add(event.text)
                 self._print(f"note: {event.text}", style="yellow")
             case events.RigQuestion():  # a bar must not be drawn over the question
                 (self.bar.stop if event.is_open else self.bar.start)()

@@ -11,7 +11,8 @@ from typing import ClassVar, Final
 
 from sweeping.faults import Fault, draw_fault
 from sweeping.formats import FORMATS
-from sweeping.readings import drawn, misread, singles, unread
+from sweeping.readings import drawn, misread, pooled, singles, unread
+from sweeping.real_runs import PTY, judge_over_pty
 from sweeping.runs import TRAVEL, Row, Setting, judge
 from sweeping.wrong_device import Tally, planted
 
@@ -71,9 +72,11 @@ class QuirkSweep(Sweep):
     wrong = ("hang", "error", "failed", "refused", "problem", "misread", "judged less",
              "inconclusive")  # fmt: skip
 
-    def __init__(self, setting: Setting, seed: int, *, is_single: bool = False) -> None:
+    def __init__(
+        self, setting: Setting, seed: int, *, is_single: bool = False, at_once: int = 0
+    ) -> None:
         super().__init__(setting, seed)
-        self.is_single = is_single
+        self.is_single, self.at_once = is_single, at_once
         self.usual: frozenset[str] = frozenset()  # what is judged of the default twin
 
     def readings(self, number: int) -> dict[str, str]:
@@ -84,7 +87,11 @@ class QuirkSweep(Sweep):
         if self.is_single:
             known = singles(self.setting.model, word)
             return known[(number - 1) % len(known)]
-        return next(itertools.islice(drawn(self.setting.model, word), number - 1, None))
+        if self.at_once:
+            draws = pooled(self.setting.model, word, self.at_once)
+        else:
+            draws = drawn(self.setting.model, word)
+        return next(itertools.islice(draws, number - 1, None))
 
     def judge(self, number: int) -> Row:
         """Judge the twin of the readings of that number."""
@@ -150,7 +157,9 @@ class FaultSweep(Sweep):
         model = setting.model
         tally = Tally()
         with planted(fault, model, tally) as place:
-            row = judge(setting, self.seed)
+            over_pty = setting.interface == PTY
+            judged = judge_over_pty(setting, self.seed, tally) if over_pty else None
+            row = judged or judge(setting, self.seed)
         row |= {
             "level": setting.level,
             "device": f"{fault}{place and f' in {place}'}", "part": fault.part,

@@ -114,7 +114,7 @@ def _ask(run: Run, probe: Probe, device_guard: DeviceGuard) -> Detection:
         run.target.gate = None
         if probe.check.danger > 0 and not run.target.crash:
             device_guard.run_cleanups(run)
-            run.family.stop(Session(run))
+            device_guard.bring_to_rest(run)
     return seen if isinstance(seen, Detection) else _told(run, probe, seen)
 
 

@@ -13,8 +13,9 @@ Rules.
    device is not blamed (`of_no_use`).
 4. The device is judged by what it answers here as well (`record_violation`): in virtual time, where
    nothing gets lost by itself, by every reply; on a real line by the same wrong bytes time after
-   time, from a device that otherwise still answers.  Silence, and garbage that never settles, may
-   be the line.
+   time, from a device that otherwise still answers, or by silence twice, each time for as long as
+   ends a run, if it still answers something else.  Other silence, and garbage that never settles,
+   may be the line.
 5. A twin in this process that crashed has failed what it was asked for; a fresh one takes its place
    (`revive`), so that one mistake of a twin does not hide the next.
 6. An axis that was seen where nothing leads that it was asked for is moved no more; what is passive
@@ -286,6 +287,11 @@ class DeviceGuard:
         if run.runaway:
             self._keep_still(run)
 
+    def bring_to_rest(self, run: Run) -> None:
+        """Stop, and nothing else; raises TargetError for a lost port."""
+        is_blamed = run.target.is_lossless
+        self.climbing(run, "put_back", self.options.family.stop, is_blamed=is_blamed)
+
     def _keep_still(self, run: Run) -> None:
         """An axis that goes elsewhere than it is told has failed by that, whatever else a check
         made of it, and is asked for nothing but passive any more (rule 6)."""
@@ -386,7 +392,9 @@ class DeviceGuard:
     ) -> T:
         """What `ask` returns, asked again as long as what came shows new departures for which
         replies can be mended; where that is over and it raises, or returns False, the device is
-        judged by its last reply (`is_blamed`; that of a twin that crashed always is)."""
+        judged by its last reply (`is_blamed`; that of a twin that crashed always is), or by having
+        none again, while it answers other requests."""
+        was_silent = False
         while True:
             session, trouble = Session(run), None
             before = replace(run.quality)  # what is judged in it makes the line look noisy
@@ -402,11 +410,27 @@ class DeviceGuard:
                 self._judge_violations(session, act)
             if self._climbs(session, act, before):
                 continue
-            if is_blamed or run.target.crash:
+            silence = self._silence(session) if trouble is not None and act != "sanity" else None
+            if silence is not None and not was_silent:  # perhaps the line was cut for a while
+                was_silent = True
+                continue
+            if silence is not None:
+                self._accuse(session, act, ACTS[act], silence)
+            elif is_blamed or run.target.crash:
                 self.record_violation(session, act)
             if trouble is not None:
                 raise trouble
             return found
+
+    def _silence(self, session: Session) -> Violation | None:
+        """What a device fails that says nothing to the last request and still answers others."""
+        request, reply = last_exchange(session.records())
+        if reply or session.run.target.is_lossless or self.blocked:
+            return None
+        violation = self.options.family.diagnose(session, request, reply)
+        with contextlib.suppress(TargetError):
+            return violation if violation and self.is_sane(session.run) else None
+        return None
 
     def _judge_violations(self, session: Session, act: str) -> None:
         """Record what has been seen to fail beside all questions, once each."""

@@ -18,6 +18,7 @@ from typing import Final
 
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.codec import BoardPacket, ReturnCode
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
@@ -89,6 +90,11 @@ class BoardExchange:
 
     def __str__(self) -> str:
         return words.explain_reply(self.raw) or "nothing"
+
+    def observed(self) -> Observation:
+        """What the board did with the packet, in words."""
+        did = f"was answered with {self}" if self.raw else f"got no answer{WAITED}"
+        return Observation(f"{REQUEST} {did}", str(self), "", self.request, is_whole=False)
 
 
 class BoardClient:

@@ -71,14 +71,14 @@ class BoardDriver:
         """Send a command and go on with its START and DONE."""
         exchange = self.ask(text)
         told = f"START and DONE to {words.command_words(text)}"
-        self.session.step(exchange.says(*DONE), told, exchange)
+        self.session.step(exchange.says(*DONE), told, exchange.observed)
         return exchange
 
     def value(self, text: str) -> BoardPacket:
         """Send a command that reads and go on with its data packet."""
         exchange = self.ask(text)
         told = f"START and a value to {words.command_words(text)}"
-        self.session.step(exchange.says(*DATA), told, exchange)
+        self.session.step(exchange.says(*DATA), told, exchange.observed)
         packet = exchange.value
         assert packet is not None, "the step above has seen to it"
         return packet
@@ -135,10 +135,8 @@ class BoardDriver:
     ) -> None:
         """Judge what came of a request."""
         told = " and ".join(codes) or "nothing"
-        asked = words.explain_request(exchange.request)
-        came = "nothing" if exchange.is_silence else str(exchange)
         is_right = exchange.says(*codes) if codes else exchange.is_silence
-        self.session.expect(is_right, requirement, told, came, f"to {asked}")
+        self.session.expect(is_right, requirement, told, exchange.observed)
 
     def draws_one_of(self, text: str | bytes, readings: Mapping[tuple[str, ...], str]) -> int | str:
         """For a probe: the number of the reading whose reply a request draws, in the order of the
@@ -164,9 +162,7 @@ class BoardDriver:
         if not is_right and expectation.is_open and exchange.is_sound:
             self.session.info(expectation.requirement, f"{asked} draws {exchange}")
             return False
-        self.session.expect(
-            is_right, expectation.requirement, sorted(told), str(exchange), f"to {asked}"
-        )
+        self.session.expect(is_right, expectation.requirement, sorted(told), exchange.observed)
         return True
 
     def tells(self, is_usual: bool, requirement: str, expected: str, actual: object) -> None:

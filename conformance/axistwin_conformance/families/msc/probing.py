@@ -90,11 +90,14 @@ def unanswered(driver: MscDriver, body: bytes = RQSTAT) -> tuple[Packet, int]:
     return exchange.reply, exchange.replied_ns
 
 
+def look_s(driver: MscDriver) -> float:
+    """How long to listen for a repeat: T2 must not run out meanwhile."""
+    return min(glance_s(driver), driver.client.ack_timeout_s / 2)
+
+
 def repeat_at_once(driver: MscDriver) -> bool:
     """True if the unit now sends more than a sign on its own, before T2 could make it do so."""
-    again, strays = driver.client.receive_packet(
-        min(glance_s(driver), driver.client.ack_timeout_s / 2)
-    )
+    again, strays = driver.client.receive_packet(look_s(driver))
     if strays:  # of several units that talk at once nothing can be read
         driver.client.listen(glance_s(driver))
     return again is not None or bool(strays.strip(ACK + NAK))

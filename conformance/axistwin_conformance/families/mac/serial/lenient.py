@@ -543,7 +543,7 @@ def _sum_in_words(split: _Split, part: bytes) -> str:
         "of Etx too": codec.checksum(body + end),
         "without the address": codec.checksum(parts["digit"] + parts["data"]),
         "of the data only": codec.checksum(parts["data"]),
-        "of the values, not the characters": sum(int(b"%c" % byte, 16) for byte in body) % 0x100,
+        **_sum_of_values(body),
         "negated": -right % 0x100,
         "inverted": ~right % 0x100,
         "of seven bits": right & 0x7F,
@@ -558,6 +558,13 @@ def _sum_in_words(split: _Split, part: bytes) -> str:
     if part == bytes([right]):
         return f"{told}, the byte itself"
     return told
+
+
+def _sum_of_values(body: bytes) -> dict[str, int]:
+    """None of a body that holds anything but digits."""
+    if not set(body) <= _HEX:
+        return {}
+    return {"of the values, not the characters": sum(int(b"%c" % one, 16) for one in body) % 0x100}
 
 
 def _hex(data: bytes) -> str:

@@ -135,7 +135,7 @@ class StateRow:
         self.motion.ready(JOG_SPEED, speed=max(2, round(self.steps / STATE_S)))
         for text in ENTERING[self.state](self):
             exchange = self.driver.ask(text)
-            self.session.step(exchange.is_sound, f"an answer to {text}", exchange)
+            self.session.step(exchange.is_sound, f"an answer to {text}", exchange.observed)
             self.motion.model.accept(text, self.motion.span(exchange))
 
     def _leave(self) -> None:

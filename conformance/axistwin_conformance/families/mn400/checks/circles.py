@@ -235,7 +235,7 @@ def the_longest_request_is_served(session: Session) -> None:
     assert len(text) == 69, "the longest legal payload"
     exchange = motion.driver.ask(text)
     is_whole = "SLAVEBUFFOV" not in exchange.codes
-    session.expect(is_whole, "MN4-PKT-13", "START and DONE", exchange)
+    session.expect(is_whole, "MN4-PKT-13", "START and DONE", exchange.observed)
     motion.driver.judge(exchange, DONE, "MN4-PKT-13")
     motion.model.accept(text, motion.span(exchange))
     motion.follow("MN4-CMD-HEL-01")

@@ -102,7 +102,7 @@ def an_id_is_that_of_one_board(session: Session) -> None:
     (new, *_) = other_ids(driver, *NEW_IDS)
     with brought_back(driver, new):
         exchange = driver.ask(f"={new}")
-        session.step(exchange.codes == DONE, "START and DONE", exchange)
+        session.step(exchange.codes == DONE, "START and DONE", exchange.observed)
         for board in (new, *session.neighbours):
             BoardDriver(session, board).draws("*", PRESENT, "MN4-DROP-08")
         driver.judge(driver.ask("*"), (), "MN4-CMD-ADDR-04")
@@ -189,7 +189,7 @@ def a_configuration_is_kept_and_not_carried_out(session: Session) -> None:
             exchange = driver.ask(text)
             at_once = exchange.says(*driver.errors("INVALIDPROGCOMM"))
             told = "INVALIDPROGCOMM or DONE"
-            session.expect(at_once or exchange.says(*DONE), "MN4-NVM-06", told, exchange)
+            session.expect(at_once or exchange.says(*DONE), "MN4-NVM-06", told, exchange.observed)
         driver.draws("X1", DONE, "MN4-NVM-04")
         driver.draws("Q", DONE, ("MN4-NVM-04", "MN4-CMD-Q-04"))
         driver.draws("*", PRESENT, ("MN4-CMD-Q-04", "MN4-DROP-11"))

@@ -117,7 +117,9 @@ def _judge_running(motion: BoardMotion, text: str) -> bool:
     driver, rule = motion.driver, rule_of(text)
     exchange = driver.ask(text)
     if text == "&":
-        motion.session.expect(len(exchange.codes) == 1, "MN4-STM-02", "one packet", exchange)
+        motion.session.expect(
+            len(exchange.codes) == 1, "MN4-STM-02", "one packet", exchange.observed
+        )
         return True
     if rule and rule.form is ReplyForm.LISTING and is_listing(exchange):
         return True

@@ -37,8 +37,8 @@ def every_reply_is_packets_as_the_manual_draws_them(session: Session) -> None:
 def judge_packets(driver: BoardDriver, text: str, exchange: BoardExchange) -> None:
     """Judge each packet of a reply by its bytes."""
     session, own = driver.session, codec.address_byte(driver.board)
-    session.step(bool(exchange.found), f"packets to {text}", exchange)
-    session.expect(not exchange.strays, "MN4-PHY-02", "packets alone", exchange)
+    session.step(bool(exchange.found), f"packets to {text}", exchange.observed)
+    session.expect(not exchange.strays, "MN4-PHY-02", "packets alone", exchange.observed)
     for packet in exchange.found:
         first, second = f"{packet.opening:02X}h", f"{packet.closing:02X}h"
         session.expect(packet.opening == own, "MN4-PKT-07", f"{own:02X}h first", first)

@@ -135,6 +135,10 @@ def speed_is_that_of_the_axis_that_goes_farthest(session: Session) -> None:
         session.not_run("MN4-MOT-04", "the limit of a multiplex takes 60000 steps at 60000 steps/s")
         return
     motion.ready("X2", speed=60_000, profile=(50_000, 60_000, 1_000_000))
+    if motion.driver.reading("multiplex_cap") == "error":
+        motion.driver.draws("M60000,60000", ("START", "PARA_ERROR"), "MN4-MOT-04")
+        motion.stays("MN4-MOT-04")
+        return
     motion.do("M60000,60000", "MN4-CMD-M-01")
     rows = motion.follow("MN4-MOT-04")
     session.expect(bool(rows), "MN4-MOT-04", "50000 steps/s", rows)

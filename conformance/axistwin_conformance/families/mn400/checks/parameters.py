@@ -235,7 +235,9 @@ def a_payload_may_be_as_long_as_the_longest_command(session: Session) -> None:
     driver = BoardDriver(session)
     longest = "L" + "0" * 68
     exchange = driver.ask(longest)
-    session.expect("SLAVEBUFFOV" not in exchange.codes, "MN4-PKT-13", "no SLAVEBUFFOV", exchange)
+    session.expect(
+        "SLAVEBUFFOV" not in exchange.codes, "MN4-PKT-13", "no SLAVEBUFFOV", exchange.observed
+    )
     exchange = driver.ask("L" + "1" * 200)
     driver.tells(exchange.says("SLAVEBUFFOV"), "MN4-PKT-14", "SLAVEBUFFOV", exchange)
     driver.draws("*", ("START", "PRESENT"), "MN4-ERR-03")

@@ -7,6 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
 from axistwin_conformance.families.mn400.model.motions import Span, VectorMotion
 from axistwin_conformance.families.mn400.motion.board_motion import (
@@ -70,8 +71,8 @@ def a_move_stands_where_it_is_paused(session: Session) -> None:
                 for one, other, at in zip(here, left, by, strict=True)
             )
         session.expect(whole == by, ("MN4-MEA-05", "MN4-CMD-N-01"), by, whole, "E and N together")
-        _judge_flags(motion, is_paused=True)
         motion.stays("MN4-CMD-PAU-01")
+        _judge_flags(motion, is_paused=True)
         motion.do("}", "MN4-CMD-PAU-02")
         _judge_flags(motion, is_paused=False)
         rows = motion.follow("MN4-CMD-PAU-02", samples=4)
@@ -98,8 +99,13 @@ def _judge_flags(motion: BoardMotion, *, is_paused: bool) -> None:
     flags = motion.driver.flags()
     seen = flags["PauseFlag"], flags["PauseState"]
     wanted = (int(is_paused),) * 2
-    when = "while paused" if is_paused else "when resumed"
-    motion.session.expect(seen == wanted, "MN4-CMD-SW-02", wanted, seen, when)
+    when = "the axes stood paused" if is_paused else "} had resumed the move"
+    text = Observation(
+        f"while {when}, {REQUEST} showed PauseFlag {seen[0]} and PauseState {seen[1]}",
+        value=str(seen),
+        wanted=f"{int(is_paused)} of both",
+    )
+    motion.session.expect(seen == wanted, "MN4-CMD-SW-02", wanted, text)
 
 
 @check("MN4-PAU-02", "MN4-PAU-03", "MN4-CMD-PAU-02", safety=MOTION)

@@ -65,7 +65,7 @@ def judge_listing(
     """Judge that R lists these lines, in one case or the other; that it keeps the case is told."""
     session, exchange = driver.session, driver.ask("R")
     seen = listing(driver.client, exchange)
-    session.step(seen is not None, "a listing by R", exchange)
+    session.step(seen is not None, "a listing by R", exchange.observed)
     assert seen is not None
     in_capitals = [line.upper() for line in seen]
     wanted = [line.upper() for line in lines]
@@ -130,7 +130,9 @@ def a_repeat_in_an_entry_is_served_or_stored(session: Session) -> None:
         driver.command("V500")
         exchange = driver.ask("&")
         is_stored = exchange.says(*DONE)
-        session.step(is_stored or exchange.says("DONE"), "DONE, with START or without", exchange)
+        session.step(
+            is_stored or exchange.says("DONE"), "DONE, with START or without", exchange.observed
+        )
         driver.follows("retransmit_in_entry", "store" if is_stored else "retransmit", "MN4-STM-04")
         session.step(end_program(driver).says(*DONE), "START and DONE to Ctrl-D", "none")
     judge_listing(driver, ("V500", "&") if is_stored else ("V500",), ("MN4-STM-04",))

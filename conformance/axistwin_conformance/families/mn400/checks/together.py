@@ -96,8 +96,10 @@ def boards_take_nothing_from_one_another(session: Session) -> None:
                 exchange = driver.ask(text)
                 ids = {packet.board for packet in exchange.found}
                 names = ("MN4-DROP-10", "MN4-PKT-06")
-                session.expect(ids <= {driver.board}, names, f"id {driver.board}", exchange)
-                session.expect(not exchange.strays, names, "packets alone", exchange)
+                session.expect(
+                    ids <= {driver.board}, names, f"id {driver.board}", exchange.observed
+                )
+                session.expect(not exchange.strays, names, "packets alone", exchange.observed)
             driver.nothing_more(("MN4-DROP-10", "MN4-PHY-04"), f"the replies of {driver.board}")
         for number, driver in enumerate(boards):
             position = driver.position()

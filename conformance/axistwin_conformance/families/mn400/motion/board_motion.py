@@ -58,6 +58,7 @@ class BoardMotion:
         self.target = driver.target
         self.model = BoardModel(driver.reading)
         self._began_ns = 0
+        self._mode = ""  # the I that was judged since `ready`
 
     # --- settings ---------------------------------------------------------------------------------
 
@@ -101,7 +102,7 @@ class BoardMotion:
         Nothing rests on what a board does without being told: every setting is said.
         """
         return_to_start(self.session, self.driver)
-        self.model = BoardModel(self.driver.reading)
+        self.model, self._mode = BoardModel(self.driver.reading), ""
         start, end, acceleration = profile
         speed, start, end = (self.fast(one) for one in (speed, start, end))
         hold = ["H0"] if self.driver.reading("hold_takes_arg") == "true" else []
@@ -155,6 +156,7 @@ class BoardMotion:
             self._began_ns = self.target.now_ns
         exchange = self.driver.draws(text, DONE, requirement)
         self.model.accept(text, self.span(exchange))
+        self._mode = text if text.startswith("I") else self._mode
         return exchange
 
     @property
@@ -172,9 +174,9 @@ class BoardMotion:
     def read(self, text: str = "E") -> tuple[tuple[int, ...], Span]:
         """The counters, and between which times they were read."""
         exchange = self.driver.ask(text)
-        self.session.step(exchange.says(*DATA), "START and a value to E", exchange)
+        self.session.step(exchange.says(*DATA), "START and a value to E", exchange.observed)
         fields = exchange.value.fields if exchange.value else None
-        self.session.step(len(fields or ()) >= AXES, f"{AXES} counters", exchange)
+        self.session.step(len(fields or ()) >= AXES, f"{AXES} counters", exchange.observed)
         return (fields or ()), self.span(exchange)
 
     def look(self, requirement: Requirements) -> tuple[int, ...]:
@@ -193,13 +195,15 @@ class BoardMotion:
         settings, motions = self.model.settings, self.model.timeline.motions
         start, end, acceleration = settings.profile
         coordinates = "absolute" if settings.is_absolute else "relative"
+        mode = self.mode(is_absolute=settings.is_absolute)
         way = f", {when} the motion from {told(motions[0].base)} to" if motions else ", at rest at"
         return Observation(
             f"{REQUEST} read {', '.join(map(str, counters))}",
             value=str(counters),
-            wanted=f"{told(place)}{way} {told(self.end)} in {coordinates} coordinates, at"
-            f" {settings.speed} steps/s (V) and with F{start},{end},{acceleration}; DONE says that"
-            " it was taken, not that it is over",
+            wanted=f"{told(place)}{way} {told(self.end)} in {coordinates} coordinates ({mode}"
+            f" on this board), at {settings.speed} steps/s (V) and with"
+            f" F{start},{end},{acceleration}; DONE says that it was taken, not that it is over",
+            causes=(f"{self._mode} (",) if self._mode else (),
             is_whole=False,
         )
 

@@ -328,7 +328,7 @@ def _measured(driver: BoardDriver) -> tuple[int, int]:
     driver.command("M500")
     before, _ = motion.read()
     exchange = driver.ask("E1")
-    driver.session.step(exchange.says(*DATA), "START and a value to E1", exchange)
+    driver.session.step(exchange.says(*DATA), "START and a value to E1", exchange.observed)
     fields = (exchange.value.fields if exchange.value else None) or ()
     driver.session.step(len(fields) == AXES + 1, "five numbers", fields)
     driver.command("Q")

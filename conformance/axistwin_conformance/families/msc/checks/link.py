@@ -531,10 +531,9 @@ def a_repeat_carries_the_data_of_the_first_reply(session: Session) -> None:
     """DREAD of a variable that grows in every scan is repeated byte for byte, or with fresh data if
     this device reads it so."""
     driver = MscDriver(session)
-    program = session.run.settings.program
-    assert program is not None, "the check needs it"
-    body = codec.dread(program[1] + TICKS_AT)
-    before = driver.read(program[1] + TICKS_AT)
+    ticks_at = BenchProgram(session).address + TICKS_AT
+    body = codec.dread(ticks_at)
+    before = driver.read(ticks_at)
     first = driver.link.unanswered(body)
     session.target.wait(min(SCANS_S, driver.client.ack_timeout_s / 2))  # or it repeats by itself
     driver.link.refuse()
@@ -542,7 +541,7 @@ def a_repeat_carries_the_data_of_the_first_reply(session: Session) -> None:
     session.target.send(ACK)
     if again is None or not again.is_sound or again.name != "DREAD":
         session.fail("MSC-LNK-10", "the packet again", again)
-    after = driver.read(program[1] + TICKS_AT)
+    after = driver.read(ticks_at)
     is_counting = after != before
     if not is_counting and again.raw == first.raw:
         session.skip("the bench program does not run: it counts no scans")
@@ -567,11 +566,9 @@ def a_repeated_write_is_carried_out_again(session: Session) -> None:
     """The same SFLAG sent twice counts twice in a program that uses the flag up, and the same
     DWRITE writes again: nothing marks a repeat."""
     driver = MscDriver(session)
-    program = session.run.settings.program
-    assert program is not None, "the check needs it"
     bench = BenchProgram(session)
     bench.must_run()
-    flag, counter = program[0], program[1] + COUNTER_AT
+    flag, counter = bench.flag, bench.address + COUNTER_AT
     for block in (0, 0, 1, 1):
         before = driver.read(counter)
         exchange = driver.ask(codec.sflag(flag), block)

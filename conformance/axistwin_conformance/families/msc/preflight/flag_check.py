@@ -2,11 +2,13 @@
 
 An input that was named by mistake keeps its state whatever SFLAG and CFLAG say, and so may a flag
 that the macroprogram uses.  On the wire that looks like a unit that loses what is written, and
-nobody can tell them apart; so nothing is judged by such a flag.  Two kinds of units are at fault
-beyond doubt, and are left to the checks: one whose flag follows most of the time, and one that
-writes to another flag than the one it was told.  Two fail here: one that turns the flag and others
-with it, since no check looks at flags that nobody has named; and one that acknowledges each SFLAG
-while more flags stay off than a machine drives in step, or each CFLAG while they stay on.
+nobody can tell them apart; so nothing is judged by such a flag.  Three kinds of units are at fault
+beyond doubt, and are left to the checks: one whose flag follows most of the time, one that writes
+to another flag than the one it was told, and one whose flags follow when they are turned one by
+one, and not among many: a machine does not count what is written.  Two fail here: one that turns
+the flag and others with it, since no check looks at flags that nobody has named; and one that
+acknowledges each SFLAG while more flags stay off than a machine drives in step, or each CFLAG while
+they stay on.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ ROUNDS: Final = 4  # of on and off in which a flag may follow
 FEW_ROUNDS: Final = 2  # are enough of one that follows each time
 MOST_FOLLOWED: Final = 1  # by chance: the machine may have moved an input
 SWITCHINGS: Final = 10  # drawn; nothing else goes along with all of them by chance
+MOST_AS_TOLD: Final = 0.7  # of the changes of a flag: one that blinks by itself has half of them
 SCAN_S: Final = 0.1  # within which who drives a flag has it back
 MOST_IN_STEP: Final = 32  # flags that a machine at rest may hold in one state, all named by mistake
 MOST_NAMED: Final = 8  # flags in a sentence
@@ -47,6 +50,8 @@ def try_flags(session: Session) -> str | Violation:
         return ""
     if lost := trial.lost(driven):
         return lost
+    if trial.follow_alone(driven):
+        return ""
     follow, them = ("does", "it") if len(driven) == 1 else ("do", "them")
     return (
         f"{_listed(driven)} {follow} not follow SFLAG and CFLAG"
@@ -109,6 +114,37 @@ class _FlagCheck:
         told = f"ACK, and {_listed(driven)} stay {stay}"
         return Violation(f"MSC-{name}-02", f"{name} turns a flag {wanted}", told)
 
+    def follow_alone(self, driven: list[int]) -> bool:
+        """Whether these flags change as they are told as soon as nothing else is written meanwhile,
+        by far more often than by chance; False if one of those tried keeps its state."""
+        tried = self._session.random.sample(driven, min(MOST_NAMED, len(driven)))
+        changes: list[bool] = []
+        for number in tried * (MOST_NAMED // len(tried)):
+            seen = self._changes(number)
+            if not seen:
+                return False
+            changes += seen
+        return sum(changes) >= MOST_AS_TOLD * len(changes)
+
+    def _changes(self, number: int) -> list[bool]:
+        """Of each change of a flag that is turned alone, whether it went where it was told."""
+        changes: list[bool] = []
+        was_on: bool | None = None
+        for on in self._orders():
+            signs, states = self._turned([number], on=on, looked_at=(number,))
+            if signs[number] != codec.ACK:
+                continue
+            is_on = number in states
+            if was_on not in (None, is_on):
+                changes.append(is_on == on)
+            was_on = is_on
+        return changes
+
+    def _orders(self) -> tuple[bool, ...]:
+        """On, off, and so on as it is drawn: nobody else keeps to that."""
+        draw = self._session.random
+        return (True, False, *(draw.random() < 0.5 for _ in range(SWITCHINGS)))
+
     def meddling(self, numbers: Iterable[int]) -> str | Violation:
         """What turns together with one of these flags: flags beside it, or whose number differs in
         one bit, are the unit's doing; others may be a program's."""
@@ -126,10 +162,8 @@ class _FlagCheck:
 
     def along(self, number: int) -> set[int]:
         """The other flags that go on and off with what is written to this one."""
-        draw = self._session.random
-        orders = [draw.random() < 0.5 for _ in range(SWITCHINGS)]
         along, taken = set(self._near(number)) - {number}, 0
-        for on in (True, False, *orders):
+        for on in self._orders():
             signs, states = self._turned([number], on=on, looked_at=along)
             if signs[number] == codec.ACK:
                 along = {number for number in along if (number in states) == on}

@@ -230,6 +230,8 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
         assert end is not None
         while session.transport.now_ns < end.latest_ns:
             exchange = driver.client.ask(0x27)
+            if exchange.reply.data is None:
+                session.fail(None, f"an answer to {driver.client.named(0x27)}", exchange.reply)
             lowest, highest = forecast.bounds(exchange.taken)
             slack = driver.limits.allowance(driver.motion.period)
             is_busy = not exchange.reply.data_bytes()[2] & BUSY

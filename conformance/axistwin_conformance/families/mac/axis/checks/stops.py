@@ -154,13 +154,17 @@ def _overrun_seen(
         f" beyond the {which} software stop ({side.index:02X}h = {stop}), at {there}"
         f" (read twice with {REQUEST}, 100 ms apart)"
     )
-    before = earlier(driver.session, OVERRUN, "09h", "0Dh", "0Fh")  # nothing unless it was a number
+    # Where equal is beyond, the first increment beyond the stop is the stop itself.
+    beyond = due[1] - 50 - (driver.readings.known("soft_stop_compare") == 1)
+    did = f"came to rest {counted(beyond, 'increment')} beyond the superior software stop"
+    # Nothing unless it was a number.
+    before = earlier(driver.session, OVERRUN, "09h", "0Dh", "0Fh", did=did)
     wanted = f"{due[0] - 50}..{due[1] - 50} increments beyond it"
     if before:
         clause += (
-            f", but earlier in this run {due[1] - 50} beyond the superior one (09h), also set 50"
-            " ahead of the start and passed without a ramp, at two speeds alike (read until the"
-            " place no longer changed)"
+            f", but earlier in this run {counted(beyond, 'increment')} beyond the superior one"
+            " (09h), also set 50 ahead of the start and passed without a ramp, at two speeds alike"
+            " (read until the place no longer changed)"
         )
         wanted = "the same distance on both sides"
     return Observation(
