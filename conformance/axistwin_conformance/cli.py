@@ -149,7 +149,7 @@ def _family_options(function: Function) -> Function:
 @click.option(
     "--allow",
     metavar="CLASS,...",
-    help="Classes of tests to allow besides passive ones: motion, stored, negative, rig,"
+    help="Classes of checks to allow besides passive ones: motion, stored, negative, rig,"
     " destructive. Default: none on a port or a bus, all on the built-in twin.",
 )
 @_family_options
@@ -253,7 +253,7 @@ def conform(ctx: click.Context, /, **given: Any) -> None:  # fmt: skip
       axistwin conform mac23
       axistwin conform mac23 MACS-FRAME MACS-CMD-13-01
       axistwin conform mac23 --level soak --duration 8h
-    a real device: show the plan; passive tests only; tests that move the axis
+    a real device: show the plan; passive checks only; checks that move the axis
       axistwin conform mac23 --port /dev/ttyUSB0 --dry-run
       axistwin conform mac23 --port /dev/ttyUSB0
       axistwin conform mac23 --port /dev/ttyUSB0 --allow motion --max-travel 2000
