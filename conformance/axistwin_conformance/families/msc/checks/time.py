@@ -374,12 +374,12 @@ def _repeats_by_time_out(driver: MscDriver, first: codec.Packet, repeats: int = 
         session.expect(is_same, "MSC-LNK-10", text, again or strays.hex(" "))
         due, came_ns = driver.link.repeat_window(last_ns, len(first.raw)), session.target.now_ns
         after = f"{(came_ns - last_ns) / MS:.1f} ms"
-        text = Observation(
+        told = Observation(
             f"repeat {repeats + 1} of the reply to {REQUEST} came {after} after the one before it",
             value=f"after {after}",
             wanted=f"it {due.since(last_ns)}",
         )
-        session.expect(came_ns in due, "MSC-LNK-12", f"the repeat {due.since(last_ns)}", text)
+        session.expect(came_ns in due, "MSC-LNK-12", f"the repeat {due.since(last_ns)}", told)
         last_ns, repeats = came_ns, repeats + 1
     return repeats
 
