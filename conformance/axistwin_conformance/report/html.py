@@ -329,7 +329,11 @@ def _operations(replay: str) -> str:
 
 
 def _rows(records: Sequence[Mapping[str, Any]], decisive: Sequence[int]) -> list[TranscriptRow]:
-    answers = [n for n in decisive if records[n]["direction"] in ("device", "silence")]
+    directions = {n: records[n]["direction"] for n in decisive}
+    asked = max((n for n in decisive if directions[n] == "host"), default=-1)
+    answers = [n for n in decisive if directions[n] == "device" and n > asked] or [
+        n for n in decisive if directions[n] in ("device", "silence")
+    ]  # behind an answer silence is no more than its end
     return [
         TranscriptRow(
             f"{(one['time_ns'] - records[0]['time_ns']) / 1e6:.3f}",

@@ -10,6 +10,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.families.mn400.persistence.programs import (
@@ -69,7 +70,15 @@ def judge_listing(
     assert seen is not None
     in_capitals = [line.upper() for line in seen]
     wanted = [line.upper() for line in lines]
-    session.expect(in_capitals == wanted, names, list(lines), list(seen), context)
+    surplus = [line for line in in_capitals if line not in wanted]
+    text = Observation(
+        f"{REQUEST} listed {', '.join(seen) or 'nothing'}",
+        value=", ".join(seen) or "nothing",
+        wanted=f"{', '.join(lines) or 'nothing'} and no other line",
+        causes=tuple(f"{line} (" for line in surplus),
+        is_whole=False,
+    )
+    session.expect(in_capitals == wanted, names, list(lines), text, context)
     if session.check is not None and "MN4-STM-05" in session.check.declared:
         driver.tells(list(seen) == list(lines), "MN4-STM-05", "lines as sent", ", ".join(seen))
     count = sum(packet.code is None and packet.value != "" for packet in exchange.found)
