@@ -95,7 +95,7 @@ def test_people_are_told_ready_lines_as_run_tells_them(tmp_path: Path) -> None:
         status, _, err = rack.end(signal.SIGINT)
     assert status == 0
     assert err.splitlines() == [
-        "axistwin: memory is volatile and ends with this run; 'state' in the file keeps it"
+        "axistwin: memory ends with this run; 'state' in the file keeps it"
     ]
 
 

@@ -208,7 +208,7 @@ class HostedLines:
         )
 
 
-VOLATILE = "memory is volatile and ends with this run"
+VOLATILE = "memory ends with this run"
 
 
 def perform(run: Run[SimulationT], reporter: Reporter) -> int:
