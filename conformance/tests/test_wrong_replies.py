@@ -173,8 +173,7 @@ def test_where_bytes_may_get_lost_the_same_wrong_reply_again_and_again_fails_too
 
 
 def test_where_bytes_may_get_lost_silence_to_one_request_alone_has_failed() -> None:
-    """The parameters cannot be read, so nothing moves; no line loses the same request each time,
-    for as long as ends a run, and no other."""
+    """No line loses the same request each time and no other; what cannot be read does not move."""
     judged = judge({0x25: lambda data: b""}, "MACS-LINE-02", "MACS-CMD-13-01", is_lossless=False)
     assert judged.result.exit_status == 1
     assert judged.failed == {"MACS-REPLY-07"}

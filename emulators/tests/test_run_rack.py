@@ -94,9 +94,7 @@ def test_people_are_told_ready_lines_as_run_tells_them(tmp_path: Path) -> None:
         assert answers(tmp_path / "press")
         status, _, err = rack.end(signal.SIGINT)
     assert status == 0
-    assert err.splitlines() == [
-        "axistwin: memory ends with this run; 'state' in the file keeps it"
-    ]
+    assert err.splitlines() == ["axistwin: memory ends with this run; 'state' in the file keeps it"]
 
 
 def test_a_line_that_cannot_be_opened_is_told_and_the_others_go_on(tmp_path: Path) -> None:
