@@ -185,19 +185,19 @@ def rounds_held(result: Result, name: str) -> int:
 
 
 def main() -> int:
-    """Soak the models that are asked for."""
+    """Soak the models that are named."""
     parser = argparse.ArgumentParser(description=__doc__, prog="scripts/soak")
     parser.add_argument("seed", type=int)
     parser.add_argument("models", nargs="*", metavar="MODEL", help="all without it")
     parser.add_argument("--hours", type=float, default=HOURS, help=f"of each (default {HOURS:g})")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     known = list(models())
-    if unknown := set(asked.models) - set(known):
+    if unknown := set(options.models) - set(known):
         parser.error(f"no model is named {', '.join(sorted(unknown))}; known: {', '.join(known)}")
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
     try:
-        done = [soak(model, asked.seed, asked.hours) for model in asked.models or known]
+        done = [soak(model, options.seed, options.hours) for model in options.models or known]
     except KeyboardInterrupt:
         return INTERRUPTED
     return int(not all(done))

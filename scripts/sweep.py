@@ -20,8 +20,8 @@ from sweeping.runs import INTERFACES, VIRTUAL, Row, Setting  # noqa: E402
 from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep, Sweep  # noqa: E402
 
 
-def options() -> argparse.Namespace:
-    """What was asked for."""
+def parsed_options() -> argparse.Namespace:
+    """The options of the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -39,43 +39,43 @@ def options() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--limit", type=float, default=300.0, help="processor time of a run, s")
     parser.add_argument("--folder", type=Path, default=ROOT / "sweeps", help="of the rows")
-    asked = parser.parse_intermixed_args()
-    if unknown := set(asked.models) - set(MODELS):
+    options = parser.parse_intermixed_args()
+    if unknown := set(options.models) - set(MODELS):
         parser.error(f"no model is named {', '.join(sorted(unknown))}")
-    return asked
+    return options
 
 
-def sweep(asked: argparse.Namespace, model: str) -> int:
+def sweep(options: argparse.Namespace, model: str) -> int:
     """Sweep one model; return how many devices were judged wrongly."""
-    is_quirks = asked.sweep == "quirks"
-    interface = asked.interface or (VIRTUAL if is_quirks else "a plain port")
-    level = asked.level or ("full" if is_quirks else "quick")
-    setting = Setting(model, interface, level, asked.limit, asked.exitfirst)
-    words = [asked.sweep, model, level, interface.replace(" ", "-"), f"seed-{asked.seed}"]
-    words += [name for name in ("singles", "exitfirst") if getattr(asked, name)]
-    words += [f"at-once-{asked.at_once}"] if asked.at_once else []
-    journal = Journal(asked.folder / ("_".join(words) + ".jsonl"))
+    is_quirks = options.sweep == "quirks"
+    interface = options.interface or (VIRTUAL if is_quirks else "a plain port")
+    level = options.level or ("full" if is_quirks else "quick")
+    setting = Setting(model, interface, level, options.limit, options.exitfirst)
+    words = [options.sweep, model, level, interface.replace(" ", "-"), f"seed-{options.seed}"]
+    words += [name for name in ("singles", "exitfirst") if getattr(options, name)]
+    words += [f"at-once-{options.at_once}"] if options.at_once else []
+    journal = Journal(options.folder / ("_".join(words) + ".jsonl"))
     judge: Sweep
     if is_quirks:
         judge = quirks = QuirkSweep(
-            setting, asked.seed, is_single=asked.singles, at_once=asked.at_once
+            setting, options.seed, is_single=options.singles, at_once=options.at_once
         )
         if 0 not in journal.rows:
             journal.add({"number": 0, **quirks.judge(0)})
         quirks.usual = frozenset(journal.rows[0]["judged"])
     else:
-        judge = FaultSweep(setting, asked.seed)
-    numbers = asked.only or range(1, asked.number + 1)
+        judge = FaultSweep(setting, options.seed)
+    numbers = options.only or range(1, options.number + 1)
 
     def keep(row: Row) -> None:
         row = {"device": "?", "outcome": "hang", "why": row.get("hang", ""), **row}
         journal.add(row)
         print(f"{model} {row['number']:4} {row['outcome']:13} {row['device']}", flush=True)
-        if asked.only:
+        if options.only:
             print("\n".join(f"    {name}: {value}" for name, value in row.items()))
 
-    missing = [one for one in numbers if asked.only or one not in journal.rows]
-    run_all(missing, judge.judge, keep, jobs=asked.jobs, limit_s=asked.limit)
+    missing = [one for one in numbers if options.only or one not in journal.rows]
+    run_all(missing, judge.judge, keep, jobs=options.jobs, limit_s=options.limit)
     rows = [journal.rows[one] for one in numbers]
     print(f"\n{judge.table(rows)}\n{judge.escapes(rows)}\n")
     return sum(row["outcome"] in judge.wrong for row in rows)
@@ -83,8 +83,8 @@ def sweep(asked: argparse.Namespace, model: str) -> int:
 
 def main() -> int:
     """Sweep; the exit status is 1 if any device was judged wrongly."""
-    asked = options()
-    return int(sum(sweep(asked, model) for model in asked.models or MODELS) > 0)
+    options = parsed_options()
+    return int(sum(sweep(options, model) for model in options.models or MODELS) > 0)
 
 
 if __name__ == "__main__":

@@ -251,7 +251,7 @@ def test_an_old_value_that_is_repeated_is_no_reading(line: Line) -> None:
     line.travel_guard.sending(codec.request(1, "&"), line.now_ns)
     line.travel_guard.received(codec.data(1, "&", "500,0,0,0"), line.now_ns)
     assert not line.travel_guard.is_in_doubt
-    assert line.travel_guard.way_home(1) == (400, 0, 0, 0)
+    assert line.travel_guard.way_to_start(1) == (400, 0, 0, 0)
 
 
 def test_counters_may_go_round(line: Line) -> None:
@@ -260,7 +260,7 @@ def test_counters_may_go_round(line: Line) -> None:
     line.say("M20")
     line.at(2147483640 + 20 - 2**32)
     assert not line.travel_guard.is_in_doubt
-    assert line.travel_guard.way_home(1) == (20, 0, 0, 0)
+    assert line.travel_guard.way_to_start(1) == (20, 0, 0, 0)
 
 
 def test_jogging_has_to_be_stopped_before_the_edge(line: Line) -> None:
@@ -285,10 +285,10 @@ def test_counters_loaded_in_motion_are_settled_by_n(line: Line) -> None:
     line.say("M400")
     line.say("L0,0,0,0")
     line.at(0)
-    assert line.travel_guard.way_home(1) is None
+    assert line.travel_guard.way_to_start(1) is None
     line.left(0, 0, 0, 0)
     line.at(0)
-    assert line.travel_guard.way_home(1) == (400, 0, 0, 0)
+    assert line.travel_guard.way_to_start(1) == (400, 0, 0, 0)
 
 
 def test_a_cut_supply_gives_no_travel_back(line: Line) -> None:
@@ -315,7 +315,7 @@ def test_a_limit_leaves_the_axes_anywhere_on_their_way(line: Line) -> None:
     assert not line.travel_guard.is_in_doubt
     line.say("Q")
     line.at(500 + 36)
-    assert line.travel_guard.way_home(1) == (36, 0, 0, 0)
+    assert line.travel_guard.way_to_start(1) == (36, 0, 0, 0)
     assert line.refuses("M965")
     line.say("M-400")
     line.work("stop")

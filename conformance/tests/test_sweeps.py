@@ -232,7 +232,7 @@ def test_a_query_that_is_never_answered_soundly_is_no_error_of_the_suite() -> No
 
 @pytest.mark.strength
 def test_a_unit_1_alone_on_two_wires_conforms() -> None:
-    """Nothing but what is spoilt when both talk tells it from one on RS-232."""
+    """Nothing but what is corrupted when both talk tells it from one on RS-232."""
     row = QuirkSweep(Setting("msc-250", "a plain port", "quick", 300), seed=1).judge_readings(
         {"transport": "rs485"}
     )

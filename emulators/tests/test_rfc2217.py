@@ -2,12 +2,11 @@
 
 import random
 import socket
-import time
 from collections.abc import Iterator
 
 import pytest
 import serial
-from served import EVERY_BYTE, TIMEOUT_S, Served, eventually, receive_until
+from served import EVERY_BYTE, TIMEOUT_S, Served, eventually, hurry_rfc2217_clients, receive_until
 
 from axistwin.kernel.time import NS_PER_MS
 from axistwin.ports.rfc2217 import Rfc2217Port
@@ -45,16 +44,7 @@ class Bench(Served):
 
 @pytest.fixture(autouse=True)
 def _impatient_client(monkeypatch: pytest.MonkeyPatch) -> None:
-    """pyserial's client waits in steps of 50 ms, and 300 ms at the end; here in shorter ones."""
-
-    class Time:
-        time, monotonic = time.time, time.monotonic
-
-        @staticmethod
-        def sleep(seconds: float) -> None:
-            time.sleep(min(seconds, 0.002))
-
-    monkeypatch.setattr("serial.rfc2217.time", Time)
+    hurry_rfc2217_clients(monkeypatch)
 
 
 @pytest.fixture

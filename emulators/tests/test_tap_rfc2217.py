@@ -3,7 +3,6 @@
 import contextlib
 import re
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import pytest
 import serial
 from daemon_process import daemon
-from served import TIMEOUT_S, eventually
+from served import TIMEOUT_S, eventually, hurry_rfc2217_clients
 
 from axistwin.cli.tap.file import TapFile
 from axistwin.cli.tap.line import LineTap
@@ -97,16 +96,7 @@ def capture(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def _impatient_client(monkeypatch: pytest.MonkeyPatch) -> None:
-    """pyserial's client waits in steps of 50 ms, and 300 ms at the end; here in shorter ones."""
-
-    class Time:
-        time, monotonic = time.time, time.monotonic
-
-        @staticmethod
-        def sleep(seconds: float) -> None:
-            time.sleep(min(seconds, 0.002))
-
-    monkeypatch.setattr("serial.rfc2217.time", Time)
+    hurry_rfc2217_clients(monkeypatch)
 
 
 @contextlib.contextmanager

@@ -105,8 +105,8 @@ def test_a_corrupted_reply_has_one_bit_flipped(pacing: bool) -> None:
     """The place is drawn; the report names it."""
     with host(pacing=pacing) as talk:
         talk.faults.add("corrupt", direction="to_host")
-        spoilt = talk.ask()
-        flipped = int.from_bytes(spoilt, "big") ^ int.from_bytes(REPLY, "big")
+        corrupted = talk.ask()
+        flipped = int.from_bytes(corrupted, "big") ^ int.from_bytes(REPLY, "big")
         assert flipped.bit_count() == 1
         place = len(REPLY) - 1 - (flipped.bit_length() - 1) // 8
         assert f"of byte {place + 1} flipped" in talk.faults[1].last
@@ -351,8 +351,8 @@ def test_frames_meet_the_faults_too(pacing: bool) -> None:
         ((late_us, _),) = answers(started)
         assert late_us - usual_us == 30_000
         faults.add("corrupt", direction="to_host", hex="581# 42 .. 20")
-        ((_, spoilt),) = answers(started)
-        assert (int(spoilt, 16) ^ int(ANSWER, 16)).bit_count() == 1
+        ((_, corrupted),) = answers(started)
+        assert (int(corrupted, 16) ^ int(ANSWER, 16)).bit_count() == 1
         faults.add("drop", direction="to_device")
         assert answers(started) == []
         assert answers(started) == [(usual_us, ANSWER)]

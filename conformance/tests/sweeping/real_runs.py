@@ -85,12 +85,12 @@ def _comes(link: Path) -> bool:
 
 def _run(setting: Setting, seed: int, link: Path, hear: Any) -> Row:
     model = setting.model
-    asked: dict[str, Any] = {"allow": "motion,stored,destructive", "max_travel": TRAVEL}
+    choices: dict[str, Any] = {"allow": "motion,stored,destructive", "max_travel": TRAVEL}
     if model.startswith("msc"):
-        asked = {"allow": "motion,stored", **small_scratch(model)}
-    asked |= {"can": f"slcan:{link}"} if model.endswith("-can") else {"port": str(link)}
+        choices = {"allow": "motion,stored", **small_scratch(model)}
+    choices |= {"can": f"slcan:{link}"} if model.endswith("-can") else {"port": str(link)}
     options = make_options(
-        model=model, level=setting.level, seed=seed, exitfirst=setting.is_exitfirst, **asked
+        model=model, level=setting.level, seed=seed, exitfirst=setting.is_exitfirst, **choices
     )
     began = time.monotonic()
     result = Engine(options).run(hear)

@@ -10,8 +10,7 @@ from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.receiver import PacketReceiver, Request
 from axistwin.devices.mn400.link.sender import Message, ReplyPart
-from axistwin.devices.mn400.readout import ReadOut
-from zoo_mn400.planting import Any_, MonkeyPatch, around, board_mutant, commands
+from zoo_mn400.planting import Any_, MonkeyPatch, around, board_mutant, commands, repeats
 
 # --- ids ------------------------------------------------------------------------------------------
 
@@ -55,19 +54,7 @@ def start_comes_from_the_new_id(patch: MonkeyPatch) -> None:
 @board_mutant("MN4-CMD-RTX-04", traps=(45,))
 def a_repeat_has_the_id_of_before(patch: MonkeyPatch) -> None:
     """& repeats under the id of power-on."""
-
-    def act(go: Any_, readout: ReadOut, line: Any) -> Answer:
-        answer: Answer = go()
-        again = answer.parts[0].message
-        assert callable(again)
-
-        def other(now: int) -> Message | None:
-            last = again(now)
-            return last and last._replace(address=1)
-
-        return answer._replace(parts=[answer.parts[0]._replace(message=other)])
-
-    around(patch, ReadOut, "retransmit", act)
+    repeats(patch, lambda readout, last, now: last._replace(address=1))
 
 
 @board_mutant("MN4-CMD-ADDR-04")

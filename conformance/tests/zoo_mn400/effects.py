@@ -9,6 +9,7 @@ from typing import Any
 from axistwin.devices.mn400.commands import Interpreter
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
+from axistwin.devices.mn400.link.sender import Message
 from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, moves, straight
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
@@ -23,6 +24,7 @@ from zoo_mn400.planting import (
     judges,
     parameter,
     plans,
+    repeats,
     resummed,
     settles,
     values,
@@ -113,20 +115,12 @@ def the_rate_in_force_is_just_done(patch: MonkeyPatch) -> None:
 def a_repeat_is_read_anew(patch: MonkeyPatch) -> None:
     """& behind E tells where the axes are by then."""
 
-    def act(go: Any_, readout: ReadOut, line: Any) -> Answer:
-        answer: Answer = go()
-        again = answer.parts[0].message
-        assert callable(again)
+    def change(readout: ReadOut, last: Message, now: int) -> Message:
+        if last.value is None or last.value.count(",") != 3:
+            return last
+        return last._replace(value=",".join(map(str, readout.position_at(now))))
 
-        def other(now: int) -> Any:
-            last = again(now)
-            if last is None or last.value is None or last.value.count(",") != 3:
-                return last
-            return last._replace(value=",".join(map(str, readout.position_at(now))))
-
-        return answer._replace(parts=[answer.parts[0]._replace(message=other)])
-
-    around(patch, ReadOut, "retransmit", act)
+    repeats(patch, change)
 
 
 @board_mutant("MN4-CMD-FW-01")

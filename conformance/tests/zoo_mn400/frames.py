@@ -9,6 +9,7 @@ from axistwin.devices.mn400.device import Mn400Board
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request, _Frame
+from axistwin.devices.mn400.link.sender import Message
 from axistwin.devices.mn400.readout import ReadOut
 from zoo_mn400.planting import (
     MS,
@@ -19,6 +20,7 @@ from zoo_mn400.planting import (
     board_mutant,
     data_packets,
     judges,
+    repeats,
     resummed,
     status_packets,
 )
@@ -290,20 +292,11 @@ def a_repeat_keeps_the_sum(patch: MonkeyPatch) -> None:
 def a_repeat_has_another_code(patch: MonkeyPatch) -> None:
     """What & repeats after an order is NOMOVEPENDING."""
 
-    def act(go: Any_, readout: ReadOut, line: Any) -> Answer:
-        answer: Answer = go()
-        again = answer.parts[0].message
-        assert callable(again)
+    def change(readout: ReadOut, last: Message, now: int) -> Message:
+        is_done = last.code == ReturnCode.DONE
+        return last._replace(code=ReturnCode.NOMOVEPENDING) if is_done else last
 
-        def other(now: int) -> Any:
-            last = again(now)
-            if last is None or last.code != ReturnCode.DONE:
-                return last
-            return last._replace(code=ReturnCode.NOMOVEPENDING)
-
-        return answer._replace(parts=[answer.parts[0]._replace(message=other)])
-
-    around(patch, ReadOut, "retransmit", act)
+    repeats(patch, change)
 
 
 @board_mutant("MN4-CMD-POLL-01")

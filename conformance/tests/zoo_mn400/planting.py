@@ -14,6 +14,8 @@ from axistwin.devices.mn400 import grammar, orders
 from axistwin.devices.mn400.acceptance import TABLE, BoardState, Treatment
 from axistwin.devices.mn400.commands import Interpreter
 from axistwin.devices.mn400.link import packets
+from axistwin.devices.mn400.link.ports import Answer
+from axistwin.devices.mn400.link.sender import Message
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import BoardSettings
 from axistwin.devices.mn400.readout import ReadOut
@@ -36,6 +38,7 @@ __all__ = [
     "judges",
     "parameter",
     "plans",
+    "repeats",
     "resummed",
     "settles",
     "status_packets",
@@ -54,6 +57,23 @@ board_mutant: Final = partial(mutant, model="mn400")
 def resummed(head: bytes) -> bytes:
     """A packet whose sum is yet to come, with it."""
     return head + bytes([sum(head) & 0x7F])
+
+
+def repeats(patch: MonkeyPatch, change: Callable[[ReadOut, Message, int], Message | None]) -> None:
+    """Let & send `change(readout, message, now)` instead of a message it repeats."""
+
+    def act(go: Any_, readout: ReadOut, line: Any) -> Answer:
+        answer: Answer = go()
+        again = answer.parts[0].message
+        assert callable(again)
+
+        def other(now: int) -> Message | None:
+            last = again(now)
+            return last and change(readout, last, now)
+
+        return answer._replace(parts=[answer.parts[0]._replace(message=other)])
+
+    around(patch, ReadOut, "retransmit", act)
 
 
 def status_packets(patch: MonkeyPatch, change: Callable[[bytes], bytes]) -> None:

@@ -226,8 +226,8 @@ class WireFaults:
         (gap_ns, first), *rest = pieces
         last = f"{duration_ns / NS_PER_MS:g} ms"
         if kind == "corrupt":
-            spoilt, text = _flipped(first, draws, data_bits)
-            return Passage(break_ns, [(gap_ns, spoilt), *rest]), text
+            corrupted, text = _flipped(first, draws, data_bits)
+            return Passage(break_ns, [(gap_ns, corrupted), *rest]), text
         if kind == "drop":
             return Passage(0, []), "lost"
         if kind == "duplicate":

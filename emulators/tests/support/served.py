@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Self, cast
 
+import pytest
 from echo_line import EchoLine
 
 from axistwin.runtime.line import Line
@@ -64,3 +65,16 @@ def receive_until(client: socket.socket, end: bytes) -> bytes:
         assert more, f"closed behind {data!r}"
         data += more
     return data
+
+
+def hurry_rfc2217_clients(monkeypatch: pytest.MonkeyPatch) -> None:
+    """pyserial's client waits in steps of 50 ms, and 300 ms at the end: from now on, in 2 ms."""
+
+    class Time:
+        time, monotonic = time.time, time.monotonic
+
+        @staticmethod
+        def sleep(seconds: float) -> None:
+            time.sleep(min(seconds, 0.002))
+
+    monkeypatch.setattr("serial.rfc2217.time", Time)

@@ -24,7 +24,7 @@ ROUNDING_NS: Final = MS  # a measured time-out is told in whole ms,
 COARSE_NS: Final = 15 * MS  # or in steps of 20 where the line blurs it
 WHILE_IT_TALKS: Final = 4  # characters of a reply that have come when it is interrupted
 JUNK: Final = b"\x00"
-TRIALS: Final = 3  # of what noise may have spoilt
+TRIALS: Final = 3  # of what noise may have corrupted
 RS232_UNIT: Final = 1  # MSC-PKT-04
 LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
 # Readings in which the idle units of a shared line answer what one of them says, or junk for it.
@@ -112,8 +112,8 @@ class MscLink:
         """Skip if what is said at once spoils a sound exchange."""
         if not self.hears_while_it_talks():
             self.session.skip(
-                "what unit and host say at once is spoilt, as on two wires of RS-485, where number"
-                " 1 may be as well"
+                "what unit and host say at once is corrupted, as on two wires of RS-485, where"
+                " number 1 may be as well"
             )
 
     def hears_while_it_talks(self) -> bool:

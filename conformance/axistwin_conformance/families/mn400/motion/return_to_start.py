@@ -38,7 +38,7 @@ def locate(session: Session, driver: BoardDriver) -> None:
     """Have the travel guard know where the axes are, before counters are loaded: what a stored
     program moves is only over for certain behind a Q."""
     guard = session.transport.travel_guard
-    if isinstance(guard, BoardTravelGuard) and guard.way_home(driver.board) is None:
+    if isinstance(guard, BoardTravelGuard) and guard.way_to_start(driver.board) is None:
         _come_to_rest(session, driver)
 
 
@@ -55,7 +55,7 @@ def return_to_start(session: Session, driver: BoardDriver) -> str:
     guard = session.transport.travel_guard
     if not isinstance(guard, BoardTravelGuard):
         return ""
-    away = guard.way_home(driver.board)
+    away = guard.way_to_start(driver.board)
     if away is None:
         return "nobody knows exactly how far the axes are from where they were found"
     if not any(away):

@@ -461,7 +461,7 @@ class BoardTravelGuard:
         self._doubtful.add(board)
         return True
 
-    def way_home(self, board: int) -> tuple[int, ...] | None:
+    def way_to_start(self, board: int) -> tuple[int, ...] | None:
         """How far a board's axes are from where they were found; None: not known exactly."""
         state = self.boards.get(board)
         return None if state is None else state.place
