@@ -8,6 +8,8 @@ Rules
    written ``true`` or ``false``.  A number may be written ``11h``, ``0x11`` or ``17``.  A text has
    a form and a check.
 3. A class variable of text among the fields begins a group of that name.
+4. Nobody compares or prints settings, and with a hundred fields the methods for it are dear to
+   make: the dataclass has ``eq=False, repr=False``, which halves its share of a twin's start.
 """
 
 from collections.abc import Callable, Iterable, Mapping

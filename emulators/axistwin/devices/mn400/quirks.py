@@ -39,7 +39,7 @@ def _is_exit_code(text: str) -> bool:
     return text == "keep" or (text.isascii() and text.isdigit() and int(text[:4]) <= 255)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Mn400Quirks:
     """One reading of the manual: what an MN400 twin does wherever it is silent."""
 

@@ -24,7 +24,7 @@ def _is_flag_map(text: str) -> bool:
     return parse_flag_map(text) is not None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MscQuirks:
     """One reading of the manual: what an MSC twin does wherever it is silent."""
 

@@ -54,7 +54,7 @@ def _is_number(text: str) -> bool:
     return text.isascii() and text.isdigit() and len(text) <= DIGITS_MAX
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MacQuirks:
     """One reading of the manuals: what a MAC twin does wherever they are silent or contradict."""
 

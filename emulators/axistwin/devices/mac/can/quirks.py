@@ -47,7 +47,7 @@ def _are_error_codes(text: str) -> bool:
     return read_error_codes(text) is not None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MacCanQuirks(MacQuirks):
     """One reading of the manuals: what a MAC23 on CAN does wherever they are silent."""
 
