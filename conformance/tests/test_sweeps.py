@@ -9,6 +9,7 @@ import random
 from pathlib import Path
 
 import pytest
+import serial
 from sweeping import wrong_device
 from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS
@@ -19,6 +20,7 @@ from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
 
 from axistwin.catalog import models
+from axistwin_conformance.families.msc import codec
 
 MAC = bytes.fromhex("02 30 31 34 30 30 31 35 30 30 30 30 30 30 30 33 32 30 41 42 03")
 ANSWER = bytes.fromhex("06 13 02 30 31 31 30 30 30 30 30 30 30 30 30 30 30 31 30 03 1A")
@@ -40,6 +42,7 @@ UNKNOWN = [
     Fault("effect", "refused", FORMATS["mac23"].commands),
     Fault("effect", "none, no reply", FORMATS["mac23"].commands, When(first=5)),
 ]
+TICKS = 6148  # a variable of the bench program, one more in every scan
 EXAMPLES = [
     ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),
     ("msc-250", DWRITE, "DWRITE", "07D8000004D2"),
@@ -78,6 +81,20 @@ def test_a_number_is_changed_as_its_name_says(how: str, number: int, changed: in
     """At its width."""
     fault = Fault("value of an answer", how)
     assert fault.changed(number.to_bytes(4)) == changed.to_bytes(4)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "others", "is_other"),
+    [("CFLAG", "0080", "0081", True), ("CFLAG", "00800000", "FF800000", False),
+     ("SFLAG", "0100", "FF00", False), ("SFLAG", "0100", "00FF", True),
+     ("DWRITE", "07D8000004D2", "07D8000004D3", True), ("DWRITE", "07D804D2", "07D804D3", False)],
+)  # fmt: skip
+def test_what_is_refused_either_way_means_nothing_else(
+    kind: str, values: str, others: str, is_other: bool
+) -> None:
+    """A command of another size, or of a flag that does not exist, shows no host what it said."""
+    means_other = FORMATS["msc-250"].means_other
+    assert means_other(kind, bytes.fromhex(values), bytes.fromhex(others)) is is_other
 
 
 @pytest.mark.parametrize("model", FORMATS)
@@ -135,6 +152,34 @@ def test_a_fault_inside_reaches_the_tables_too() -> None:
         assert axis._QUERIES[2] is not right
         assert axis._QUERIES[2] is axis.Axis._read_superior_stop
     assert axis._QUERIES[2] is right
+
+
+@pytest.mark.parametrize(("how", "states"), [("none", [0, 0]), ("late", [0, 1])])
+def test_an_effect_is_missing_beside_a_program_that_runs(how: str, states: list[int]) -> None:
+    """SFLAG is acknowledged, and the twin is no crashed one: its program goes on."""
+    tally = Tally()
+    with planted(Fault("effect", how, ("SFLAG",), amount=300_000_000), "msc-250", tally):
+        port = serial.serial_for_url("axistwin://msc-250?time=virtual&program=bench", timeout=0.2)
+        replies = [
+            _asked(port, body)
+            for body in (codec.dread(TICKS), codec.sflag(200), *[codec.rflag(200)] * 2)
+        ]
+        ticks = codec.parse(_asked(port, codec.dread(TICKS))[1:])
+    before, _, *flags = [codec.parse(reply.removeprefix(codec.ACK)) for reply in replies]
+    assert replies[1] == codec.ACK
+    assert [flag and flag.numbers[0] for flag in flags] == states
+    assert before
+    assert ticks
+    assert ticks.values[0] > before.values[0] + 10
+    assert not tally.crash
+
+
+def _asked(port: serial.SerialBase, body: bytes) -> bytes:
+    """What comes within 200 ms of a command, which is acknowledged."""
+    port.write(codec.packet(1, body))
+    reply: bytes = port.read(100)
+    port.write(codec.ACK)
+    return reply
 
 
 def test_a_reading_is_misread_only_if_what_is_told_excludes_it() -> None:

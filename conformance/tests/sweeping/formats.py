@@ -9,10 +9,14 @@ from abc import ABC, abstractmethod
 from typing import Final
 
 STX, ETX, NACK = 0x02, 0x03, 0x15
+ACK: Final = b"\x06"
 MAC_BYTES = 21
 SDO_REPLY, SDO_REQUEST, NODES = 0x580, 0x600, 0x7F
 DOWNLOAD, UPLOAD, REFUSED = 0x23, 0x40, 0x80
 MSC_HEAD, MSC_SUM = 6, 2
+# What stands behind the comma of a command; with another size it is refused, whatever it says.
+MSC_SIZES: Final = {"DWRITE": 6, "BWRITE": 130, "SFLAG": 2, "CFLAG": 2}
+MSC_FLAGS: Final = 256
 
 MAC_COMMANDS: Final = (
     *("00", "02", "03", "07", "09", "0A", "0B", "0C", "0D", "0E", "0F", "10", "11", "13"),
@@ -35,6 +39,10 @@ class Format(ABC):
     @abstractmethod
     def kind(self, message: bytes) -> str:
         """Of a request; empty if these bytes are none."""
+
+    def lead(self, message: bytes) -> int:
+        """How many bytes before a request belong to the exchange before it."""
+        return 0
 
     @abstractmethod
     def values(self, message: bytes) -> bytes:
@@ -154,6 +162,10 @@ class MscFormat(Format):
     commands = ("DWRITE", "BWRITE", "SFLAG", "CFLAG")
     queries = ("DREAD", "BREAD", "RFLAG", "RFLAGS", "RQSTAT")
 
+    def lead(self, message: bytes) -> int:
+        """The host's ACK to a reply, where the next packet follows it at once."""
+        return int(message[:1] == ACK and self.kind(message[1:]) != "")
+
     def kind(self, message: bytes) -> str:
         """The name."""
         if len(message) < MSC_HEAD + MSC_SUM or message[0] != STX:
@@ -166,7 +178,12 @@ class MscFormat(Format):
         return message[MSC_HEAD:-MSC_SUM].partition(b",")[2] if self.kind(message) else b""
 
     def means_other(self, kind: str, values: bytes, others: bytes) -> bool:
-        """All of them count."""
+        """All of them count, unless both are refused: for their size, or as no flag."""
+        if len(values) != MSC_SIZES.get(kind, len(values)):
+            return False
+        if kind.endswith("FLAG"):
+            numbers = {min(int.from_bytes(one), MSC_FLAGS) for one in (values, others)}
+            return len(numbers) > 1
         return values != others
 
     def with_values(self, message: bytes, values: bytes) -> bytes:

@@ -139,6 +139,18 @@ class WrongDevice:
 
     def receive(self, message: Any, end_ns: int = -1) -> list[Any]:
         """A stretch of bytes, or a frame that is complete at `end_ns`."""
+        lead = 0 if isinstance(message, CanFrame) else self._form.lead(message.data)
+        parts = [message]
+        if lead:
+            rest, skipped = message.data[lead:], message.skipped + lead
+            parts = [message.first(lead), message._replace(data=rest, skipped=skipped)]
+        try:
+            return [effect for part in parts for effect in self._receive(part, end_ns)]
+        except Exception as error:  # of the fault itself: that is no device's either
+            self._tally.crash = self._tally.crash or f"{type(error).__name__}: {error}"
+            raise
+
+    def _receive(self, message: Any, end_ns: int) -> list[Any]:
         is_frame = isinstance(message, CanFrame)
         data = _packed(message) if is_frame else message.data
         now = end_ns if is_frame else message.arrival_ns(len(message.data) - 1)
@@ -226,7 +238,7 @@ class WrongDevice:
             case "none" | "late":
                 if fault.how == "late":
                     self._later(now + fault.amount, lambda at: _mute(tell(data, at)))
-                self._true, self._inner = self._inner, copy.deepcopy(self._inner)
+                self._true, self._inner = self._inner, _ghost(self._inner)
                 self._ghost_until_ns = now + min(GHOST_NS, fault.amount or GHOST_NS)
                 return self._out(tell(data, now), now, is_ghost=True)
             case "twice":
@@ -353,6 +365,12 @@ class WrongDevice:
                     return say(data, start_ns) + held
                 self._held = say(data, start_ns)
                 return []
+
+
+def _ghost(device: Any) -> Any:
+    """A copy of the device; a program in it that goes on step by step stands still there."""
+    steps = getattr(getattr(device, "_runner", None), "_steps", None)
+    return copy.deepcopy(device, {} if steps is None else {id(steps): None})
 
 
 def _mute(effects: Iterable[Any]) -> list[Any]:
