@@ -40,6 +40,10 @@ class Format(ABC):
     def kind(self, message: bytes) -> str:
         """Of a request; empty if these bytes are none."""
 
+    def is_reply(self, message: bytes) -> bool:
+        """Whether what a device says is an answer to a request."""
+        return True
+
     def lead(self, message: bytes) -> int:
         """How many bytes before a request belong to the exchange before it."""
         return 0
@@ -124,6 +128,10 @@ class MacCanFormat(Format):
 
     commands = tuple(f"d{index}" for index in MAC_COMMANDS if index not in ("08", "1B"))
     queries = tuple(f"u{index:02X}" for index in range(8))
+
+    def is_reply(self, message: bytes) -> bool:
+        """Boot-ups and heartbeats come unasked."""
+        return int.from_bytes(message[:2]) & ~NODES == SDO_REPLY
 
     def kind(self, message: bytes) -> str:
         """Direction and index."""

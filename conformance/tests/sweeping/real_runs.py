@@ -14,6 +14,7 @@ from typing import Any
 from small_scratch import small_scratch
 
 from axistwin.cli.main import main
+from axistwin.cli.program import EXIT_BUG
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
 from sweeping.runs import NEIGHBOURS, TRAVEL, Row, Setting, judged_within, told
@@ -54,7 +55,8 @@ def _serve(model: str, link: Path, notes: Path, tally: Tally) -> None:
     try:
         main(words)
     except BaseException as error:
-        tally.crash = tally.crash or (repr(error) if isinstance(error, Exception) else "")
+        is_crash = isinstance(error, Exception) or getattr(error, "code", 0) == EXIT_BUG
+        tally.crash = tally.crash or (repr(error) if is_crash else "")
     finally:
         seen = {name: value for name, value in dataclasses.asdict(tally).items() if name != "first"}
         notes.write_text(json.dumps(seen), "utf-8")

@@ -17,6 +17,7 @@ from sweeping.runs import TRAVEL, Row, Setting, judge
 from sweeping.wrong_device import Tally, planted
 
 MODELS: Final = (*FORMATS, "mn400")  # faults are drawn for those with a format
+CRASHED: Final = "the built-in twin crashed"
 JUDGED_PART = 0.95  # of what is judged of the default twin
 
 
@@ -171,8 +172,10 @@ class FaultSweep(Sweep):
 
     @staticmethod
     def _outcome(row: Row, tally: Tally) -> tuple[str, str]:
-        if tally.crash or (row["errors"] and not tally.said):  # it may fall over while it is made
-            return "no device", tally.crash or row["errors"][0]
+        words = (row.get("sentence", ""), *row.get("evidence", ()))
+        crash = tally.crash or next((one for one in words if CRASHED in one), "")
+        if crash or (row["errors"] and not tally.said):  # it may fall over while it is made
+            return "no device", crash or row["errors"][0]
         if row["hang"]:
             return "hang", row["hang"]
         if tally.furthest > TRAVEL:

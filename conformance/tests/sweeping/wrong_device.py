@@ -33,8 +33,8 @@ LIMIT_S = 5.0
 
 @dataclass
 class Tally:
-    """What has happened: how often the fault could hit, and did; how much was said; how far a shaft
-    went."""
+    """What has happened: how often the fault could hit, and did; how many replies were said; how
+    far a shaft went."""
 
     asked: int = 0
     hits: int = 0
@@ -263,7 +263,7 @@ class WrongDevice:
     # --- what goes --------------------------------------------------------------------------------
 
     def _say(self, data: bytes, start_ns: int) -> list[Any]:
-        self._tally.said += 1
+        self._tally.said += self._form.is_reply(data)
         if self._is_on_bus:
             return [SendFrame(start_ns, _frame(data))]
         return [Transmit(start_ns, data)]
@@ -284,7 +284,7 @@ class WrongDevice:
                     if one.frame != effect.frame:
                         self._sent[one.frame] = effect.frame
                 if not said:
-                    self._later(start_ns, partial(self.sent, effect.frame))
+                    self._later(start_ns + BYTE_NS, partial(self.sent, effect.frame))
                 found += said
             elif not is_ghost:
                 found.append(effect)
