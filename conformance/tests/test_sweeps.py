@@ -34,6 +34,7 @@ SAMPLE = [
 NOISY = [
     ("mac23-can", Fault("effect", "that of d10", ("d13",))),
     ("msc-250", Fault("reply", "longer", ("DREAD",), When(every=3), amount=3)),
+    ("msc-250", Fault("reply", "broken by a pause", amount=600_000_000)),
 ]
 # or for no module at all.
 UNKNOWN = [

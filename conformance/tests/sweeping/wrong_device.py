@@ -353,6 +353,9 @@ class WrongDevice:
                 return say(data + bytes(fault.amount), start_ns)
             case "broken by a pause":
                 half = len(data) // 2
+                if not half:  # a lone character has no middle
+                    self._tally.hits -= 1
+                    return say(data, start_ns)
                 if self._is_on_bus:
                     return say(data, start_ns + fault.amount)
                 return say(data[:half], start_ns) + say(data[half:], start_ns + fault.amount)

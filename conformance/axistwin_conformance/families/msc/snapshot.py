@@ -43,6 +43,7 @@ ZEROS: Final = bytes(codec.MAX_PACKET)
 MOST_TOLD: Final = 20  # of what a unit held, in a line
 LAST_LOOK_S: Final = 1.0  # for what comes late
 FACE_BYTES: Final = 16
+UNBROKEN: Final = "ACK and a packet without gaps between its bytes"
 VALUE_ADDRESSES: Final = 4  # what one value takes up in the widest reading
 WITH_RFLAGS: Final = "msc-250 or msc-850-32"
 STATUS_WORDS: Final = (
@@ -149,17 +150,31 @@ def _is_answered(exchange: MscExchange, body: bytes) -> bool:
 
 
 def _insisted(driver: MscDriver, body: bytes) -> MscExchange:
-    """Ask until there is a sound reply; longer if what comes differs, which is noise."""
+    """Ask until there is a sound reply; longer if what comes differs, which is noise.  A reply that
+    stops at the same byte each time, and goes on later, is none."""
     seen = set()
+    halting = 0
     for number in range(1, RETRY.exchange + 1):
         exchange = driver.ask(body)
         seen.add(exchange.raw)
         if _is_answered(exchange, body):
             break
         if number >= RETRY.alike and len(seen) == 1:
+            if halting >= RETRY.alike - 1:
+                came = f"{codec.explain(exchange.raw)}, and the rest of it later"
+                driver.session.run.violations.append(("MSC-PHY-01", UNBROKEN, came))
             break
-        driver.client.wait_until_quiet(after=exchange)
+        halting += _is_halting(exchange, driver.client.wait_until_quiet(after=exchange))
     return exchange
+
+
+def _is_halting(exchange: MscExchange, rest: bytes) -> bool:
+    """True if these bytes, which came too late for it, make the packet whole that had begun."""
+    begun = exchange.extra
+    size = codec.HEADER_BYTES + int.from_bytes(begun[2:4], "big") + codec.CHECKSUM_BYTES
+    packet = codec.parse((begun + rest)[:size])
+    is_begun = codec.HEADER_BYTES <= len(begun) < size and exchange.sign == ACK
+    return is_begun and packet is not None and packet.is_sound
 
 
 def _refuse_another_model(driver: MscDriver) -> None:
