@@ -6,20 +6,22 @@ import itertools
 import json
 import os
 import random
+import sys
 from pathlib import Path
 
 import pytest
 import serial
-from sweeping import wrong_device
+from sweeping import real_runs, wrong_device
 from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.journal import Journal, run_all
 from sweeping.readings import FIXED, drawn, misread, pooled, singles, unread
-from sweeping.runs import LONGEST_S, Setting
+from sweeping.runs import LONGEST_S, Row, Setting
 from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
 
 from axistwin.catalog import models
+from axistwin.cli.program import EXIT_BUG
 from axistwin_conformance.families.msc import codec
 
 MAC = bytes.fromhex("02 30 31 34 30 30 31 35 30 30 30 30 30 30 30 33 32 30 41 42 03")
@@ -255,6 +257,42 @@ def test_a_device_that_is_always_wrong_is_no_noisy_line(model: str, fault: Fault
     row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
     assert row["outcome"] == "caught", row
     assert row["bench_s"] < LONGEST_S / 1.5
+
+
+@pytest.mark.strength
+@pytest.mark.parametrize(
+    ("fault", "outcome"),
+    [(Fault("reply", "before the one that is due"), "caught"), (Fault("reply", "lost"), "silent")],
+    ids=str,
+)
+def test_a_module_that_holds_replies_back_goes_on(fault: Fault, outcome: str) -> None:
+    """A twin that stands still is no device, and one without replies never answers."""
+    setting = Setting("mac23-can", "virtual", "quick", 300, is_exitfirst=True)
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["outcome"] == outcome, row
+
+
+@pytest.mark.parametrize("place", ["sentence", "evidence"])
+def test_a_twin_that_has_crashed_is_neither_caught_nor_silent(place: str) -> None:
+    """Whether the run says so, or what a check has found."""
+    text = "the built-in twin crashed: TypeError"
+    row: Row = {"hang": "", "errors": [], "status": 1, "sentence": "", "evidence": [""]}
+    row[place] = text if place == "sentence" else [text]
+    assert FaultSweep._outcome(row, Tally(said=1, hits=1)) == ("no device", text)
+
+
+@pytest.mark.strength
+def test_a_daemon_that_ends_by_a_bug_has_crashed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ends by itself, with the status for that."""
+    monkeypatch.setattr(real_runs, "main", lambda words: sys.exit(EXIT_BUG))
+    notes = tmp_path / "tally"
+    child = os.fork()
+    if not child:
+        real_runs._serve("msc-250", tmp_path / "line", notes, Tally())
+    os.waitpid(child, 0)
+    assert str(EXIT_BUG) in json.loads(notes.read_text("utf-8"))["crash"]
 
 
 @pytest.mark.strength
