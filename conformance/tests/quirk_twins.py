@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from urllib.parse import quote
 
 from family_variants import vary
 from small_scratch import small_scratch
@@ -150,4 +151,4 @@ class QuirkTwins:
 
 def quirks_query(readings: Readings) -> str:
     """Those readings as words of a URL."""
-    return "".join(f"&quirk.{name}={reading}" for name, reading in readings.items())
+    return "".join(f"&quirk.{name}={quote(reading)}" for name, reading in readings.items())

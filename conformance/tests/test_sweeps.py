@@ -8,14 +8,16 @@ import os
 import random
 import sys
 from pathlib import Path
+from urllib.parse import parse_qsl
 
 import pytest
 import serial
+from quirk_twins import quirks_query
 from sweeping import real_runs, wrong_device
 from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.journal import Journal, run_all
-from sweeping.readings import FIXED, drawn, misread, pooled, singles, unread
+from sweeping.readings import FIXED, drawn, go_together, misread, pooled, singles, unread
 from sweeping.runs import LONGEST_S, Row, Setting
 from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
@@ -122,6 +124,23 @@ def test_pools_hold_every_value_of_every_switch_once(model: str) -> None:
         assert 0 < len(pool) <= 8
         for item in pool.items():
             waiting.remove(item)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_drawn_value_comes_to_the_twin_as_it_was_drawn(model: str) -> None:
+    """Also one with characters that mean something in a URL."""
+    for readings in singles(model, "7"):
+        assert parse_qsl(quirks_query(readings)[1:]) == [
+            (f"quirk.{name}", value) for name, value in readings.items()
+        ]
+
+
+def test_counters_that_no_host_can_load_are_not_drawn() -> None:
+    """Neither in pools nor in pairs: they are never put back."""
+    assert not go_together({"power_on_position": "-2147483647", "long_min": "-2147000000"})
+    assert not go_together({"power_on_position": "2147483647", "long_max": "2147483646"})
+    assert go_together({"power_on_position": "2147483647", "long_min": "-2147000000"})
+    assert all(map(go_together, itertools.islice(pooled("mn400", "7", 16), 22)))
 
 
 @pytest.mark.parametrize("model", FORMATS)

@@ -362,6 +362,15 @@ def test_a_thread_needs_no_more_than_a_step_per_pulse_and_can_be_quit() -> None:
     assert pulses(bench, 100)[0] == 0
 
 
+def test_pulses_pace_a_single_move_however_contours_take_a_negative_speed() -> None:
+    """MN4-SYN-01; MN4-AMB-73 is about contours."""
+    bench = Mn400Bench(contour_pulses="ignored")
+    bench.say("V-1", "B50", "M-10")
+    bench.wait(1000)
+    assert bench.peek()[0] == 0
+    assert [pulses(bench, count)[0] for count in (50, 4, 6)] == [0, -4, -10]
+
+
 def test_a_spindle_turns_a_thread() -> None:
     """2000 pulses per turn come by themselves, the index among them."""
     bench = Mn400Bench()

@@ -55,6 +55,14 @@ def whole(speed: int) -> float:
     return speed / (1 << FINE)
 
 
+def test_below_start_speed_a_segment_has_one_speed_whatever_a_corner_has() -> None:
+    """There is no ramp by which it could slow down (MN4-CMD-V-03); 20 steps at 100 steps/s."""
+    for corner in ("start_speed", "margin"):
+        made = MoveSettings(rules=rules(cc_corner_speed=corner))
+        parts = [ContourSegment((10, 0, 0, 0), 100), ContourSegment((-10, 0, 0, 0), 100)]
+        assert end(contour(0, made, parts, 20)) == S // 5
+
+
 def test_the_contour_of_the_manual_is_planned_as_the_ledger_reckons() -> None:
     """Entry, peak, exit and time of all five segments at margin 50."""
     plan = planned(MoveSettings(), EXAMPLE, 50)

@@ -30,8 +30,8 @@ SOUND: Mapping[str, tuple[int, int]] = {
     "data_size": (8192, 65_536),  # of which the sweep names variables, and the bench program some
     "rx_timeout_ms": (50, 2000),
     "rx_payload_max": (69, 9000),  # MN4-PKT-13
-    "queue_depth": (4, 1000),
-    "cc_capacity": (8, 1000),
+    "queue_depth": (2, 1000),  # "multiple commands"
+    "cc_capacity": (5, 1000),  # the segments of the manual's example
     "jog_hold_ms": (50, 2000),
 }
 # Switches that a device of that model cannot have at another value: MACS-CMD-1C-01, MACC-CMD-0C-01.
@@ -47,6 +47,9 @@ FIXED: Mapping[str, frozenset[str]] = {
 # Neighbours that look for packets in those of others and refuse what they find drown every reply
 # on the line; the manual has the unit that is named answer, and no other (MSC-PHY-03).
 DROWNING: Final = frozenset({("other_unit_framing", "hunt_stx"), ("invalid_unit", "nak")})
+# Counters that a board shows at power-up and that L does not load are never put back.
+COUNTERS: Final = ("long_min", "power_on_position", "long_max")
+FURTHEST: Final = ("-2147483647", "0", "2147483647")  # the defaults of these
 # Texts have no values to draw from, and of a mask not every number is one (MACC-EMCY-02).
 VALUES: Mapping[str, tuple[str, ...]] = {
     "brake_increments": ("0", "1", "30", "300", "900"),
@@ -59,6 +62,14 @@ VALUES: Mapping[str, tuple[str, ...]] = {
         "10/4210/09,01/3110/05,40/3210/05,20/3220/05", "40/3210/05,20/3220/05,01/3100/05",
     ),
 }  # fmt: skip
+
+
+def go_together(readings: Mapping[str, str]) -> bool:
+    """False for readings that no sound device has at once."""
+    low, place, high = (
+        int(readings.get(name, default)) for name, default in zip(COUNTERS, FURTHEST, strict=True)
+    )
+    return low <= place <= high and not readings.items() >= DROWNING
 
 
 def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
@@ -99,7 +110,7 @@ def drawn(model: str, seed: str) -> Iterator[dict[str, str]]:
         known = [name for name, quirk in quirks.items() if values_of(quirk, draw)]
         names = draw.sample(known, 2 if draw.random() < 2 / 3 else 1)
         pair = {name: draw.choice(values_of(quirks[name], draw)) for name in names}
-        if not pair.items() >= DROWNING:
+        if go_together(pair):
             yield pair
 
 
@@ -117,7 +128,7 @@ def pooled(model: str, seed: str, size: int) -> Iterator[dict[str, str]]:
             for name, value in list(waiting):
                 if name in pool or len(pool) == size:
                     continue
-                if not pool.items() | {(name, value)} >= DROWNING:
+                if go_together(pool | {name: value}):
                     pool[name] = value
                     waiting.remove((name, value))
             yield pool

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import ClassVar, Final
 
+from quirk_twins import quirks_query
+
 from sweeping.faults import Fault, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.readings import drawn, misread, pooled, singles, unread
@@ -100,7 +102,7 @@ class QuirkSweep(Sweep):
 
     def judge_readings(self, readings: Mapping[str, str]) -> Row:
         """Judge a twin of these readings."""
-        query = "".join(f"&quirk.{name}={one}" for name, one in readings.items())
+        query = quirks_query(readings)
         row = judge(self.setting, self.seed, query, detects=True)
         device = " ".join(f"{name}={one}" for name, one in readings.items()) or "all defaults"
         outcome, why = self._outcome(readings, row)

@@ -29,6 +29,7 @@ QUIET_S: Final = 0.1  # after which a board that is talking has ended
 REPLY_LIMIT_S: Final = 0.25  # MN4 9.3: of any reply, before it begins
 MEASURES_S: Final = {1: 0.1, 2: 1.0}  # by the parameter of E (MN4-MEA-01)
 LONGEST_PACKET: Final = 16_384  # bytes: a program may come in one
+LONGEST_TEXT: Final = 69  # characters of a legal request
 MOST_STRAYS: Final = 512  # bytes of no packet that are worth reading
 MOST_LINES: Final = 4096  # of a listing: more than 8 KiB hold
 REPEATABLE: Final = frozenset("/?SNE[:*RVFBDPXGYI;L|Q")  # rule 3
@@ -160,9 +161,11 @@ class BoardClient:
 
     def limit_s(self, text: str) -> float:
         """How long to wait for the first byte of each packet of a reply."""
-        measure = MEASURES_S.get(int(text[1:]), 0.0) if text[1:].isdigit() else 0.0
+        mode = text[1:].replace(" ", "")  # some boards skip spaces (MN4-AMB-68)
+        measure = MEASURES_S.get(int(mode), 0.0) if mode.isdigit() else 0.0
         later_s = {"E": measure, "*": self.poll_slot_s() * (self.board - 1)}
-        return self.session.reply_timeout_s + later_s.get(text[:1].upper(), 0.0)
+        own_s = max(0, len(text) - LONGEST_TEXT) * self.target.byte_ns / 1e9  # it must be there
+        return self.session.reply_timeout_s + own_s + later_s.get(text[:1].upper(), 0.0)
 
     def poll_slot_s(self) -> float:
         """How long a board waits with a poll's reply for each id below its own (MN4-DROP-03)."""

@@ -38,6 +38,7 @@ TEXTS: Final = (
     "G2000,1000,100,10,8000", "Y1000", "X3", "\x04", "W", ";0", "R", "C1,1", "L1,2,3,4", "}",
     "M2", "A-2,0,-4,0,1", "+-2,0,-4,0,1,2,0", "(", ")", "{", "J1", "T2,0,0,0,1000,0", "Q",
 )  # fmt: skip
+QUEUEING: Final = (BoardState.MOV, BoardState.QUE, BoardState.PAU, BoardState.CCX, BoardState.THR)
 UNTRACED: Final = (BoardState.HPD, BoardState.CCB)  # E tells nothing there
 REPEATS: Final = ("data", "DONE", "PRESENT", "NOMOVEPENDING", "MOVEPENDING", "INVALIDCOMMAND",
                   "PARA_ERROR", "BUSY", "BAUDCHANGEOK")  # fmt: skip
@@ -68,7 +69,11 @@ class StateRow:
         self.waiting, self.other = waiting, other
         self.motion, self.steps = slow_board(session, STATE_S, STEPS)
         self.driver = self.motion.driver
-        self._queued = 0  # commands that wait; the queue may be a short one
+        self._queued = 0  # commands that wait
+        self._most_queued = MOST_QUEUED
+        if state in QUEUEING:
+            places = int(self.driver.reading("queue_depth")) - (state is BoardState.QUE)
+            self._most_queued = min(MOST_QUEUED, max(1, places))
 
     def judge(self) -> None:
         """Judge every cell."""
@@ -98,7 +103,7 @@ class StateRow:
         if exchange.codes[-1:] == ("DONE",) or text == "K" or self._is_kept(text):
             model.accept(text, span)
         self._queued += self._requirement(text) == self.waiting
-        is_staying = model.states(span) == {self.state} and self._queued < MOST_QUEUED
+        is_staying = model.states(span) == {self.state} and self._queued < self._most_queued
         if not is_staying:
             self._judge_entered(text)
         return is_staying

@@ -71,11 +71,11 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
 
 @check("MN4-CC-02", "MN4-CMD-CC-05", safety=MOTION)
 def a_straight_way_in_pieces_takes_no_longer(session: Session) -> None:
-    """Two, and ten, collinear segments last as long as one move."""
+    """Two, and ten if there is room, collinear segments last as long as one move."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(2000, "these contours")
     motion.needs_speed(3000, "these contours")
-    for pieces in (2, 10):
+    for pieces in (2, min(10, int(motion.driver.reading("cc_capacity")))):
         motion.ready(speed=3000)
         contour(motion, "(", [f"M{2000 // pieces},{-1000 // pieces}"] * pieces, "MN4-CMD-CC-05")
         motion.do(")", "MN4-CMD-CC-05")
@@ -135,8 +135,10 @@ def every_segment_keeps_its_own_speed(session: Session) -> None:
 
 @check("MN4-CC-09", "MN4-CC-04", safety=MOTION)
 def a_contour_is_no_slower_than_separate_moves(session: Session) -> None:
-    """Nor faster than its caps allow; a wider margin makes none slower."""
+    """Nor faster than its caps allow; a wider margin makes none slower.  Where the margin is the
+    speed of a corner beyond it, a narrow one may be slower (MN4-AMB-33)."""
     motion = BoardMotion(BoardDriver(session))
+    has_slow_corners = motion.driver.reading("cc_corner_speed") == "margin"
     motion.needs_room(1500, "these contours")
     motion.needs_speed(3000, "these contours")
     lines = ("M500,10", "M500,40,5", "M500,90,-10")
@@ -150,7 +152,7 @@ def a_contour_is_no_slower_than_separate_moves(session: Session) -> None:
         motion.do(")", "MN4-CC-09")
         first, last = motion.lasts()
         told = f"{float(least):.3f} to {float(most):.3f} s"
-        is_right = last >= least and first <= most
+        is_right = last >= least and (first <= most or has_slow_corners)
         came = f"{float(first):.3f} to {float(last):.3f} s at margin {margin}"
         session.expect(is_right, "MN4-CC-09", told, came)
         is_monotone = slowest is None or first <= slowest + SAME_SPEED
@@ -203,6 +205,7 @@ def a_contour_has_room_for_256_segments(session: Session) -> None:
             break
     else:
         exchange = driver.ask("M1")
-        is_full = exchange.says("START", "SLAVEBUFFOV")
-        driver.tells(is_full, "MN4-CMD-CC-09", "START and SLAVEBUFFOV", exchange)
+        codes = driver.errors("SLAVEBUFFOV")
+        is_full = exchange.says(*codes)
+        driver.tells(is_full, "MN4-CMD-CC-09", " and ".join(codes), exchange)
     driver.command("Q")

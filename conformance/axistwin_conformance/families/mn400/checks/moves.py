@@ -22,6 +22,7 @@ ORDER = 120  # of this module in a run; see `Family.modules`
 
 # Displacements of relative moves, each sent with its mirror image behind it.
 LONG_NS: Final = 100_000_000  # a motion that is over later than any reply
+MODES_QUEUED: Final = 4  # two I and the moves behind them
 MOVES: Final = (
     (1, 0, 0, 0), (0, -7, 0, 0), (0, 0, 300, 0), (0, 0, 0, -300), (400, 400, 0, 0),
     (500, -377, 13, 1), (-3, 250, -249, 500), (123, 124, -124, -123),
@@ -170,6 +171,9 @@ def a_move_keeps_the_settings_of_its_time(session: Session) -> None:
         motion.do(text, requirement)
         motion.do("M400", "MN4-RSP-06")
         motion.follow(requirement, "MN4-STM-01", requirement, samples=8)
+    if int(motion.driver.reading("queue_depth")) < MODES_QUEUED:
+        session.not_run("MN4-CMD-I-04", "the queue of this board is too short (MN4-AMB-52)")
+        return
     motion.ready()
     motion.do("M800", "MN4-RSP-06")
     motion.do(motion.mode(is_absolute=True), "MN4-CMD-I-04")

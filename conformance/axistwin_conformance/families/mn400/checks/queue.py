@@ -7,7 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mn400.client import REPLY_LIMIT_S
+from axistwin_conformance.families.mn400.client import REPLY_LIMIT_S, BoardExchange
 from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
@@ -16,7 +16,8 @@ ORDER = 120  # of this module in a run; see `Family.modules`
 STEPS: Final = 400  # of a move that is looked at while it runs
 MOVE_S: Final = 2
 LOOKS: Final = 12
-MOST_QUEUED: Final = 200  # commands; a queue that takes more is not looked for
+MOST_TAKEN: Final = 1024  # commands; where a queue or a contour ends that takes more stays open
+QUEUE_S: Final = 40  # of a move behind which the queue is filled: about so many at 9600 baud
 PRESENT: Final = ("START", "PRESENT")
 
 
@@ -106,20 +107,26 @@ def in_motion_what_is_no_setting_of_motion_works_at_once(session: Session) -> No
     motion.follow("MN4-STM-02")
 
 
+def fill_queue(motion: BoardMotion) -> tuple[int, BoardExchange]:
+    """Behind a move that runs: how many moves the queue takes, and what the next one draws; the
+    check or probe is left out if the move may end before that."""
+    taken, until_s = 0, motion.ends[0] - 1
+    while (exchange := motion.driver.ask(f"M,{1 - 2 * (taken % 2)}")).codes == DONE:
+        taken += 1
+        if taken == MOST_TAKEN or motion.now[1] > until_s:
+            motion.driver.ask("Q")
+            motion.session.skip(f"{taken} commands are queued, and no end of it")
+    return taken, exchange
+
+
 @check("MN4-STM-03", safety=MOTION)
 def a_full_queue_is_told(session: Session) -> None:
     """Behind a move as many commands are taken as the queue holds; the next draws START and
     SLAVEBUFFOV and is lost."""
-    motion, steps = slow_board(session, 30)
+    motion, steps = slow_board(session, QUEUE_S)
     driver = motion.driver
     motion.do(f"M{steps}", "MN4-STM-03")
-    taken = 0
-    for taken in range(MOST_QUEUED):
-        exchange = driver.ask(f"M,{1 - 2 * (taken % 2)}")
-        if exchange.codes != DONE:
-            break
-    else:
-        session.no_reading("MN4-STM-03", "queue_depth", ["32"], f"{MOST_QUEUED} commands taken")
+    taken, exchange = fill_queue(motion)
     codes = driver.errors("SLAVEBUFFOV")
     driver.judge(exchange, codes, "MN4-STM-03")
     driver.follows("queue_depth", str(taken), "MN4-STM-03")

@@ -53,7 +53,8 @@ def a_limit_ends_what_moves_towards_it(session: Session) -> None:
         by = [0] * AXES
         by[axis], by[other] = direction * FAR, 300
         motion.do(f"M{','.join(map(str, by))}", "MN4-LIM-01")
-        motion.do(alone(other, 200), "MN4-LIM-03")
+        if driver.reading("limit_halts") == "all":
+            motion.do(alone(other, 200), "MN4-LIM-03")
         driver.target.wait(0.3)
         session.rig.work(limit_name(direction), True, number=axis + 1)
         here = motion.rest()

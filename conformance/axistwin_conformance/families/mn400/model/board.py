@@ -255,7 +255,9 @@ class BoardModel:
         is_unknown = rule_of(text) is None or self._is_missing(letter)
         if self.reading("prog_check") == "entry" and (is_unknown or letter in REFUSED_LINES):
             return self._error("INVALIDPROGCOMM", "MN4-NVM-06", is_open=True)
-        return Expectation(frozenset({(START, "DONE")}), "MN4-STM-04")
+        # What ends a program is no line of one: another entry may refuse it in any reading.
+        is_open = text == END_OF_PROGRAM
+        return Expectation(frozenset({(START, "DONE")}), "MN4-STM-04", is_open)
 
     # --- parameters that the state decides about --------------------------------------------------
 

@@ -9,7 +9,13 @@ from typing import Final
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.hold import hold_text
-from axistwin_conformance.families.mn400.checks.queue import slow_board, standing_axis_loaded
+from axistwin_conformance.families.mn400.checks.queue import (
+    MOST_TAKEN,
+    QUEUE_S,
+    fill_queue,
+    slow_board,
+    standing_axis_loaded,
+)
 from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
@@ -18,8 +24,6 @@ ORDER = 20  # of this module in a run; see `Family.modules`
 MOTION_RIG: Final = ("motion", "rig")
 PENDING: Final = ("START", "MOVEPENDING")
 STEPS: Final = 40
-MOST_QUEUED: Final = 200
-MOST_SEGMENTS: Final = 300
 AUX_8: Final = 32768
 
 
@@ -167,15 +171,11 @@ def queue_modal(driver: BoardDriver) -> Outcome:
 @probe(safety=MOTION)
 def queue_depth(driver: BoardDriver) -> Outcome:
     """How many moves are taken behind one that runs."""
-    _, steps = slow(driver, 30)
-    driver.command(f"M{steps}")
-    for taken in range(MOST_QUEUED):
-        codes = driver.ask(f"M,{1 - 2 * (taken % 2)}").codes
-        if codes != DONE:
-            driver.ask("Q")
-            return Measured(str(taken)) if "SLAVEBUFFOV" in codes else str(codes)
+    motion, steps = slow_board(driver.session, QUEUE_S)
+    motion.set(f"M{steps}")
+    taken, exchange = fill_queue(motion)
     driver.ask("Q")
-    return f"{MOST_QUEUED} taken"
+    return Measured(str(taken)) if "SLAVEBUFFOV" in exchange.codes else str(exchange)
 
 
 @probe(safety=MOTION)
@@ -183,11 +183,12 @@ def cc_capacity(driver: BoardDriver) -> Outcome:
     """How many segments a contour takes."""
     slow(driver)
     with driver.entered("("):
-        for taken in range(MOST_SEGMENTS):
-            codes = driver.ask(f"M{1 - 2 * (taken % 2)}").codes
-            if codes != DONE:
-                return Measured(str(taken)) if "SLAVEBUFFOV" in codes else str(codes)
-    return f"{MOST_SEGMENTS} taken"
+        taken = 0
+        while (codes := driver.ask(f"M{1 - 2 * (taken % 2)}").codes) == DONE:
+            taken += 1
+            if taken == MOST_TAKEN:
+                driver.session.skip(f"{taken} segments are taken, and no end of it")
+        return Measured(str(taken)) if "SLAVEBUFFOV" in codes else str(codes)
 
 
 @probe(safety=MOTION)

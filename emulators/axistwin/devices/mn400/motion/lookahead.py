@@ -147,9 +147,10 @@ def limits_of(stretch: Stretch, settings: MoveSettings, feed_permille: int) -> L
     start = settings.profile.start << FINE
     is_flat = not stretch.is_ramped or cap <= start
     end = cap if is_flat else start
-    slowest = 2 << FINE if settings.rules.cc_corner_speed == "margin" else end
+    has_slow_corners = settings.rules.cc_corner_speed == "margin" and not is_flat
+    corner = min(end, 2 << FINE) if has_slow_corners else end
     gain = (settings.twice_acceleration * stretch.length) << FINE
-    return Limits(cap, min(end, slowest), end, is_flat, gain)
+    return Limits(cap, corner, end, is_flat, gain)
 
 
 class SpeedPlan:

@@ -36,7 +36,7 @@ class Part(NamedTuple):
 
 def straight(now_ns: Nanos, settings: MoveSettings, displacement: Quad) -> VectorMotion:
     """A vector move (MN4-CMD-M-01)."""
-    return contour(now_ns, settings, [ContourSegment(displacement, settings.speed)], 0)
+    return _joined(now_ns, settings, [ContourSegment(displacement, settings.speed)], 0)
 
 
 def contour(
@@ -45,7 +45,16 @@ def contour(
     segments: Sequence[ContourSegment],
     margin: int = DEFAULT_MARGIN,
 ) -> VectorMotion:
-    """One continuous motion through all segments (MN4-CMD-CC-05); margin in steps/s.
+    """One continuous motion through all segments (MN4-CMD-CC-05); margin in steps/s."""
+    if settings.rules.contour_pulses == "ignored":  # of contours alone (MN4-AMB-73)
+        segments = [segment._replace(speed=abs(segment.speed)) for segment in segments]
+    return _joined(now_ns, settings, segments, margin)
+
+
+def _joined(
+    now_ns: Nanos, settings: MoveSettings, segments: Sequence[ContourSegment], margin: int
+) -> VectorMotion:
+    """Straight parts one behind the other.
 
     Backlash is taken up at the speed of the first one (ledger §5.6).
     """
@@ -92,7 +101,7 @@ def straight_part(
     is_commanded: bool = True,
 ) -> Part:
     """A straight path at ``speed``; negative: on pulses."""
-    is_pulsed = speed < 0 and settings.rules.contour_pulses != "ignored"
+    is_pulsed = speed < 0
     multiplex = settings.multiplex if sum(map(bool, displacement)) > 1 else 1
     if is_pulsed and settings.rules.sync_ratio == "major_step":
         multiplex = 1

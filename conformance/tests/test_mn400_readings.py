@@ -1,0 +1,102 @@
+"""Boards of other readings that checks or probes took for wrong ones, or did not read at all."""
+
+from __future__ import annotations
+
+from urllib.parse import quote
+
+import pytest
+from mn400_twin import AlteredTwin, failures, judged, session_of
+
+from axistwin_conformance.base.check import Check
+from axistwin_conformance.core.session import Stop
+from axistwin_conformance.families.mn400.family import Mn400
+
+pytestmark = pytest.mark.strength
+
+CHECKS = {one.name: one for one in Mn400().checks()}
+PROBES = {one.switch: one for one in Mn400().probes()}
+SOUND: list[tuple[str, dict[str, str]]] = [
+    ("a_straight_way_in_pieces_takes_no_longer", {"cc_capacity": "8"}),
+    ("a_contour_is_no_slower_than_separate_moves", {"cc_corner_speed": "margin"}),
+    ("arcs_and_contours_are_compensated_before_they_begin", {"cc_corner_speed": "margin"}),
+    ("at_a_negative_speed_pulses_pace_every_move", {"contour_pulses": "ignored"}),
+    ("the_exit_code_is_that_of_the_last_move", {"limit_direction": "both"}),
+    ("the_exit_code_is_that_of_the_last_move", {"limit_halts": "axis"}),
+    ("a_limit_ends_what_moves_towards_it", {"limit_halts": "axis"}),
+    ("in_a_configuration_every_command_is_a_line", {"prog_check": "run"}),
+    *(
+        (name, {"queue_depth": depth})
+        for name in (
+            "a_move_keeps_the_settings_of_its_time",
+            "in_motion_commands_wait_or_are_served_at_once",
+            "behind_a_queue_commands_wait_or_are_served_at_once",
+            "in_a_contour_commands_wait_or_are_served_at_once",
+        )
+        for depth in ("2", "3")
+    ),
+]
+# What a check told as another behaviour than the usual one, or left out.
+JUDGED: list[tuple[str, dict[str, str]]] = [
+    ("a_full_queue_is_told", {"queue_depth": "778"}),
+    ("a_contour_has_room_for_256_segments", {"error_start_policy": "never"}),
+    ("a_contour_has_room_for_256_segments", {"cc_capacity": "700"}),
+    ("a_payload_may_be_as_long_as_the_longest_command", {"rx_payload_max": "966"}),
+    ("a_payload_may_be_as_long_as_the_longest_command", {"error_start_policy": "always"}),
+]
+MEASURED = [("queue_depth", "778"), ("cc_capacity", "700"), ("rx_payload_max", "966")]
+
+
+def twin(quirks: dict[str, str]) -> AlteredTwin:
+    """A twin of these readings."""
+    return AlteredTwin(quirks={name: quote(value) for name, value in quirks.items()})
+
+
+@pytest.mark.parametrize(("name", "quirks"), SOUND)
+def test_a_board_of_that_reading_does_not_fail(name: str, quirks: dict[str, str]) -> None:
+    """Nothing that the check judges."""
+    assert failures(CHECKS[name], twin(quirks), readings=quirks) == {}
+
+
+@pytest.mark.parametrize(("name", "quirks"), JUDGED)
+def test_a_board_of_that_reading_is_judged(name: str, quirks: dict[str, str]) -> None:
+    """All that the check names."""
+    found = verdicts(CHECKS[name], quirks)
+    assert found.keys() == {*CHECKS[name].requirements}
+    assert {*found.values()} <= {"pass", "quirk"}
+
+
+def verdicts(check: Check, quirks: dict[str, str]) -> dict[str, str]:
+    """The last verdict of each requirement."""
+    found = judged(check, twin(quirks), readings=quirks)
+    return {one.requirement: one.verdict.value for one in found}
+
+
+@pytest.mark.parametrize(("switch", "value"), MEASURED)
+def test_a_large_number_is_measured(switch: str, value: str) -> None:
+    """As exactly as a small one."""
+    probe = PROBES[switch]
+    assert probe.look(session_of(twin({switch: value}), probe.check)).readings == (value,)
+
+
+@pytest.mark.parametrize(("switch", "value"), [("queue_depth", "9000"), ("cc_capacity", "9000")])
+def test_a_number_that_is_too_large_to_be_measured_stays_open(switch: str, value: str) -> None:
+    """The probe says so, and no check fails."""
+    probe = PROBES[switch]
+    with pytest.raises(Stop, match="no end of it"):
+        probe.look(session_of(twin({switch: value}), probe.check))
+    for name in ("a_full_queue_is_told", "a_contour_has_room_for_256_segments"):
+        assert failures(CHECKS[name], twin({switch: value})) == {}
+
+
+def test_motors_are_numbered_where_no_parameter_may_be_omitted() -> None:
+    """P is asked with all three of them."""
+    board, probe = twin({"plane_base": "0", "omitted_param": "error"}), PROBES["plane_base"]
+    session = session_of(board, probe.check, readings={"omitted_param": "error"})
+    assert probe.look(session).readings == ("0",)
+
+
+def test_a_measurement_asked_for_behind_a_space_is_waited_for() -> None:
+    """A board that skips spaces takes E 2 for E2."""
+    session = session_of(twin({"space_policy": "skip"}), readings={"space_policy": "skip"})
+    driver = session.run.family.driver(session)
+    assert driver.ask("E 2").codes == ("START", "data")
