@@ -13,7 +13,7 @@ from sweeping import wrong_device
 from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS
 from sweeping.journal import Journal, run_all
-from sweeping.readings import FIXED, drawn, misread, pooled, singles, unread
+from sweeping.readings import FIXED, drawn, is_sound, misread, pooled, singles, unread
 from sweeping.runs import LONGEST_S, Setting
 from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
@@ -148,6 +148,26 @@ def test_a_reading_is_misread_only_if_what_is_told_excludes_it() -> None:
     assert misread("mac23", truth, row) == {"xon_byte": "1Ah told, 11h is so"}
     truth |= {"step_phase": "any", "ramp_law": "equal_time"}
     assert unread("mac23", truth, row) == ("step_phase",)
+
+
+def test_why_a_reading_is_not_told_is_in_the_row() -> None:
+    """What no wire can show is told from what a probe has missed."""
+    row = {
+        "hang": "", "errors": [], "failed": [], "status": 0, "problems": [], "judged": [],
+        "open": {}, "named": {}, "detected": {"power_on_at_boot": [None, []]},
+        "untold": {"power_on_at_boot": "nothing on the line tells"},
+    }  # fmt: skip
+    sweep = QuirkSweep(Setting("mac23", "virtual", "quick", 300), seed=1)
+    outcome = sweep._outcome({"power_on_at_boot": "true"}, row)
+    assert outcome == ("unread", "power_on_at_boot: nothing on the line tells")
+
+
+def test_no_device_without_torque_has_inertia() -> None:
+    """Each by itself is drawn, and any other torque beside inertia."""
+    inert, powerless = ("plant", "inertial"), ("factory_torque", "0")
+    assert not is_sound({inert, powerless, ("xon_byte", "11h")})
+    assert is_sound({inert, ("factory_torque", "64")})
+    assert is_sound({powerless})
 
 
 @pytest.mark.system

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from typing import Final
 
 from axistwin.catalog import models
@@ -47,6 +47,10 @@ FIXED: Mapping[str, frozenset[str]] = {
 # Neighbours that look for packets in those of others and refuse what they find drown every reply
 # on the line; the manual has the unit that is named answer, and no other (MSC-PHY-03).
 DROWNING: Final = frozenset({("other_unit_framing", "hunt_stx"), ("invalid_unit", "nak")})
+# A motor without any torque moves no shaft that has inertia: nothing of a motion can be judged
+# (MACS-CMD-0C-01: torque = maximum·dd/Imax; MACS-CMD-0F-03).
+POWERLESS: Final = frozenset({("plant", "inertial"), ("factory_torque", "0")})
+UNSOUND: Final = (DROWNING, POWERLESS)  # readings of which no device has all
 # Texts have no values to draw from, and of a mask not every number is one (MACC-EMCY-02).
 VALUES: Mapping[str, tuple[str, ...]] = {
     "brake_increments": ("0", "1", "30", "300", "900"),
@@ -84,6 +88,11 @@ def open_to(model: str) -> Mapping[str, Quirk]:
     return {name: one for name, one in quirks.items() if name not in FIXED.get(model, ())}
 
 
+def is_sound(readings: Set[tuple[str, str]]) -> bool:
+    """False if no device can have all of these readings."""
+    return not any(readings >= unsound for unsound in UNSOUND)
+
+
 def singles(model: str, seed: str) -> list[dict[str, str]]:
     """Every switch at each of its other values."""
     draw = random.Random(seed)
@@ -99,7 +108,7 @@ def drawn(model: str, seed: str) -> Iterator[dict[str, str]]:
         known = [name for name, quirk in quirks.items() if values_of(quirk, draw)]
         names = draw.sample(known, 2 if draw.random() < 2 / 3 else 1)
         pair = {name: draw.choice(values_of(quirks[name], draw)) for name in names}
-        if not pair.items() >= DROWNING:
+        if is_sound(pair.items()):
             yield pair
 
 
@@ -117,7 +126,7 @@ def pooled(model: str, seed: str, size: int) -> Iterator[dict[str, str]]:
             for name, value in list(waiting):
                 if name in pool or len(pool) == size:
                     continue
-                if not pool.items() | {(name, value)} >= DROWNING:
+                if is_sound(pool.items() | {(name, value)}):
                     pool[name] = value
                     waiting.remove((name, value))
             yield pool
