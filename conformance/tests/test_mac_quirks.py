@@ -133,7 +133,41 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
         "opening_the_reference_contact_zeroes_the_counter",
         "just_after_two_seconds_it_listens",
     )  # fmt: skip
-    status, findings = judge(f"reply_latency_us={latency_ms}000", *names, "--allow", "rig")
+    status, findings = judge(
+        f"reply_latency_us={latency_ms}000", *names, "--allow", f"{ALLOWED[1]},rig"
+    )
+    bad = [one for one in findings if one["verdict"] in ("fail", "inconclusive")]
+    assert (bad, status) == ([], 0)
+
+
+@pytest.mark.parametrize(
+    ("quirks", "names"),
+    [
+        # at 450 ms no sample is sharp enough to tell inertia, and no fixed wait is long enough
+        (
+            {"reply_latency_us": "450000", "plant": "inertial"},
+            (
+                "noise_through_a_reply_does_not_deafen_it", "in_motion_00h_drops_the_motion",
+                "a_software_stop_drops_the_stored_segments",
+            ),
+        ),
+        # ones that mean nothing beside those that mean a stop, or an over-voltage
+        (
+            {"reserved_bits": "1", "status_ff_layout": "shifted", "status_hh_bit": "6-0"},
+            (
+                "the_stop_bit_stays_until_the_next_motion", "an_over_voltage_is_remembered",
+                "the_status_of_a_sound_module_shows_no_fault",
+            ),
+        ),
+    ],
+    ids=["late", "ones"],
+)  # fmt: skip
+def test_two_readings_do_not_hide_one_another(
+    quirks: dict[str, str], names: tuple[str, ...]
+) -> None:
+    """Each by itself is read rightly; so they are together."""
+    query = "&quirk.".join(f"{name}={reading}" for name, reading in quirks.items())
+    status, findings = judge(query, *names, "--allow", f"{ALLOWED[1]},rig")
     bad = [one for one in findings if one["verdict"] in ("fail", "inconclusive")]
     assert (bad, status) == ([], 0)
 

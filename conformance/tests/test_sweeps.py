@@ -217,6 +217,26 @@ def test_a_reading_is_misread_only_if_what_is_told_excludes_it() -> None:
     assert unread("mac23", truth, row) == ("step_phase",)
 
 
+def test_why_a_reading_is_not_told_is_in_the_row() -> None:
+    """What no wire can show is told from what a probe has missed."""
+    row = {
+        "hang": "", "errors": [], "failed": [], "status": 0, "problems": [], "judged": [],
+        "open": {}, "named": {}, "detected": {"power_on_at_boot": [None, []]},
+        "untold": {"power_on_at_boot": "nothing on the line tells"},
+    }  # fmt: skip
+    sweep = QuirkSweep(Setting("mac23", "virtual", "quick", 300), seed=1)
+    outcome = sweep._outcome({"power_on_at_boot": "true"}, row)
+    assert outcome == ("unread", "power_on_at_boot: nothing on the line tells")
+
+
+def test_no_device_without_torque_has_inertia() -> None:
+    """Each by itself is drawn, and any other torque beside inertia."""
+    inert, powerless = {"plant": "inertial"}, {"factory_torque": "0"}
+    assert not go_together({**inert, **powerless, "xon_byte": "11h"})
+    assert go_together({**inert, "factory_torque": "64"})
+    assert go_together(powerless)
+
+
 @pytest.mark.system
 def test_a_sweep_goes_on_where_it_was_ended(tmp_path: Path) -> None:
     """What is in the file is not done again; who takes for ever, and who dies, is a row too."""

@@ -47,6 +47,10 @@ FIXED: Mapping[str, frozenset[str]] = {
 # Neighbours that look for packets in those of others and refuse what they find drown every reply
 # on the line; the manual has the unit that is named answer, and no other (MSC-PHY-03).
 DROWNING: Final = frozenset({("other_unit_framing", "hunt_stx"), ("invalid_unit", "nak")})
+# A motor without any torque moves no shaft that has inertia: nothing of a motion can be judged
+# (MACS-CMD-0C-01: torque = maximum·dd/Imax; MACS-CMD-0F-03).
+POWERLESS: Final = frozenset({("plant", "inertial"), ("factory_torque", "0")})
+UNSOUND: Final = (DROWNING, POWERLESS)  # readings of which no device has all
 # Counters that a board shows at power-up and that L does not load are never put back.
 COUNTERS: Final = ("long_min", "power_on_position", "long_max")
 FURTHEST: Final = ("-2147483647", "0", "2147483647")  # the defaults of these
@@ -69,7 +73,7 @@ def go_together(readings: Mapping[str, str]) -> bool:
     low, place, high = (
         int(readings.get(name, default)) for name, default in zip(COUNTERS, FURTHEST, strict=True)
     )
-    return low <= place <= high and not readings.items() >= DROWNING
+    return low <= place <= high and not any(readings.items() >= unsound for unsound in UNSOUND)
 
 
 def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:

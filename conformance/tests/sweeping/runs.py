@@ -139,6 +139,11 @@ def told(result: Result) -> Row:
             switch: [one.reading, list(one.candidates)]
             for switch, one in result.detections.items()
         },
+        "untold": {
+            switch: one.evidence
+            for switch, one in result.detections.items()
+            if one.reading is None and not one.candidates
+        },
         "problems": list(result.problems),
         "left_out": {
             ran.check.name: ran.trouble for ran in result.checks

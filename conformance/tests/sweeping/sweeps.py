@@ -128,7 +128,7 @@ class QuirkSweep(Sweep):
         if row["open"]:
             return "inconclusive", "; ".join(f"{one}: {why}" for one, why in row["open"].items())
         if names := unread(self.setting.model, readings, row):
-            return "unread", " ".join(names)
+            return "unread", "; ".join(f"{name}: {row['untold'][name]}" for name in names)
         return "sound", ""
 
 

@@ -15,7 +15,8 @@ from axistwin_conformance.families.mac.axis.snapshot import PLAUSIBLE_CELSIUS, f
 ORDER = 80  # of this module in a run; see `Family.modules`
 
 PLAUSIBLE_VOLTS: Final = (5.0, 150.0)
-STATUS_RESERVED: Final = 0x00F0FF7F  # bits of ff gg hh without a meaning (§5.9)
+# Bits of ff gg hh without a meaning in any layout of ff and hh (§5.9, MACS-AMB-12, MACS-AMB-13).
+STATUS_RESERVED: Final = 0x00E0FF00
 MEASURES_RESERVED: Final = 0x0000D79F  # bits of cc dd without a meaning
 STOPPED_ON: Final = 0x000F0000
 STATUS_READS: Final = 20

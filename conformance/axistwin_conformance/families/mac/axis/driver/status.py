@@ -13,6 +13,8 @@ INPUT_BITS: Final[Mapping[str, tuple[int, int]]] = {
     "negative_stop": (3, 0x40),
     "reference": (3, 0x20),
 }
+STOPS: Final = 0x0F  # of ff of 21h: the four stops, in the layout of the CAN manual
+UNNAMED_STOPS: Final = 0xE0  # and what is reserved in either layout
 
 
 class AxisStatus:
@@ -39,7 +41,13 @@ class AxisStatus:
         return {name: bool(data[byte] & bit) for name, (byte, bit) in INPUT_BITS.items()}
 
     def stopped_on(self) -> int:
-        """The byte ff of 21h without what is reserved, which stops ended the motion: five bits,
-        since the map may be shifted."""
+        """The byte ff of 21h without what is reserved, which stops ended the motion: four bits,
+        which may be shifted by one.  Bits that nothing names may be ones (MACS-AMB-59)."""
         ff = self._client.data_bytes(0x21)[1]
-        return ff & (0x0F if ff & 0xE0 else 0x1F)
+        if not ff & UNNAMED_STOPS:
+            return ff & (STOPS | STOPS << 1)
+        layout = self._client.session.readings.get("status_ff_layout")
+        if layout is None:  # all ones around the four bits tell where these are
+            is_shifted = ff & ~(STOPS << 1) == 0xFF & ~(STOPS << 1)
+            return ff & (STOPS << 1 if is_shifted and not ff & 0x10 else STOPS)
+        return ff & (STOPS << 1 if layout == "shifted" else STOPS)

@@ -148,17 +148,16 @@ def has_reset_input(driver: AxisDriver) -> Outcome:
 
 @probe(safety=("motion", "rig"), needs=("rig:supply",))
 def status_hh_bit(driver: AxisDriver) -> Outcome:
-    """hh of 21h after an over-voltage."""
+    """hh of 21h before and after an over-voltage."""
+    driver.motion.reinitialise()  # or an earlier one may still be remembered
+    idle = driver.status.memories()  # bits that mean nothing may be ones
     driver.session.rig.work("supply", TOO_MUCH_VOLTS)
     driver.client.wait(0.1)
-    seen = driver.client.data_bytes(0x21)
+    seen = driver.status.memories()
     driver.session.rig.reset()
     driver.motion.reinitialise()
-    reserved = 0x7F if driver.session.reading("reserved_bits") == "1" else 0
-    hh = seen[3]
-    if hh & 0x80 and hh & 0x7F in (0, reserved):
-        return 0
-    return 1 if hh & 0x7F else f"hh {hh:02X} after {TOO_MUCH_VOLTS:.0f} V"
+    readings = {0x80: 0, 0x7F: 1}
+    return readings.get(seen & ~idle, f"hh {idle:02X}, {seen:02X} after {TOO_MUCH_VOLTS:.0f} V")
 
 
 @probe(safety=WORKED, needs=("rig:micro_cut",))

@@ -473,10 +473,14 @@ def noise_through_a_reply_does_not_deafen_it(session: Session) -> None:
     driver = SerialDriver(session)
     if not session.target.is_virtual:
         session.skip("needs a line on which nothing is lost: noise runs into the reply")
-    frame = driver.client.request(0x20).encode()
-    session.target.send(frame + b"\xff" * (4 * codec.ANSWER_BYTES) + frame)
-    session.target.wait(10 * codec.ANSWER_BYTES * session.target.byte_ns / 1e9)
-    arrived = session.target.drain()
+    frame, target = driver.client.request(0x20).encode(), session.target
+    # The reply begins when this device likes, and the noise has to last beyond it.
+    noise = b"\xff" * (4 * codec.ANSWER_BYTES + target.uncertainty_ns // target.byte_ns)
+    target.send(frame + noise + frame)
+    target.wait(
+        ((len(noise) + 6 * codec.ANSWER_BYTES) * target.byte_ns + target.uncertainty_ns) / 1e9
+    )
+    arrived = target.drain()
     last = codec.parse(arrived[-codec.ANSWER_BYTES :])
     session.expect(last.kind is ReplyKind.ANSWER, None, "an answer at last", arrived.hex(" "))
     driver.judge.alive()
