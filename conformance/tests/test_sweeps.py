@@ -8,6 +8,7 @@ import os
 import random
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import serial
@@ -19,6 +20,7 @@ from sweeping.readings import FIXED, drawn, misread, pooled, singles, unread
 from sweeping.runs import LONGEST_S, Row, Setting
 from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
+from zoo.judge import Overrun, limited
 
 from axistwin.catalog import models
 from axistwin.cli.program import EXIT_BUG
@@ -238,6 +240,40 @@ def test_a_twin_whose_fault_makes_it_turn_on_the_spot_is_no_device(
     assert device._tally.crash == "never comes to an end"
     assert device._guarded(turn) == []
     assert device.next_event() is None
+
+
+@pytest.mark.strength
+@pytest.mark.parametrize("look", ["cells", "is_moving", "describe"])
+def test_a_twin_that_turns_on_the_spot_while_it_is_looked_at_is_no_device(
+    monkeypatch: pytest.MonkeyPatch, look: str
+) -> None:
+    """Who reads what it keeps lets it come up to the present, where it may never arrive."""
+
+    def turn(now: int) -> None:
+        while True:
+            random.random()
+
+    monkeypatch.setattr(wrong_device, "LIMIT_S", 0.2)
+    inner = SimpleNamespace(**{look: turn})
+    tally = Tally()
+    device = wrong_device.WrongDevice(inner, Fault("none", ""), FORMATS["mac23"], tally)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="never comes to an end"):
+            getattr(device, look)(0)
+    assert tally.crash == "never comes to an end"
+
+
+@pytest.mark.strength
+def test_a_limit_goes_on_behind_the_limits_within_it() -> None:
+    """A run of many chunks that are each short enough is ended all the same."""
+
+    def work_on() -> None:
+        for _ in range(200_000):
+            with limited(5.0):
+                random.random()
+
+    with pytest.raises(Overrun), limited(0.3):
+        work_on()
 
 
 @pytest.mark.strength(seconds=60)

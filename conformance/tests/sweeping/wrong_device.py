@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import Any
 
 import pytest
-from zoo.judge import Overrun, limited
+from zoo.judge import Overrun, is_over, limited
 from zoo.mutant import forget
 
 from axistwin.kernel.effects import SendFrame, Transmit
@@ -117,23 +117,23 @@ class WrongDevice:
 
     def power_off(self, now: int) -> list[Any]:
         """As the twin."""
-        return list(self._inner.power_off(self._own(now)))
+        return self._guarded(self._inner.power_off, self._own(now))
 
     def power_on(self, now: int) -> list[Any]:
         """As the twin."""
-        return list(self._inner.power_on(self._own(now)))
+        return self._guarded(self._inner.power_on, self._own(now))
 
     def cells(self, now: int) -> Any:
         """As the twin."""
-        return (self._true or self._inner).cells(self._own(now))
+        return self._seen((self._true or self._inner).cells, now)
 
     def is_moving(self, now: int) -> bool:
         """As the twin."""
-        return bool(self._inner.is_moving(self._own(now)))
+        return bool(self._seen(self._inner.is_moving, now))
 
     def describe(self, now: int) -> Any:
         """As the twin."""
-        return self._inner.describe(self._own(now))
+        return self._seen(self._inner.describe, now)
 
     # --- what comes -------------------------------------------------------------------------------
 
@@ -188,11 +188,19 @@ class WrongDevice:
             with limited(LIMIT_S):
                 return list(call(*given))
         except Overrun:
+            if is_over():  # the run, and not for this chunk
+                raise
             self._tally.crash = "never comes to an end"
             raise RuntimeError(self._tally.crash) from None
         except Exception as error:
             self._tally.crash = f"{type(error).__name__}: {error}"
             raise
+
+    def _seen(self, look: Callable[[int], Any], now: int) -> Any:
+        """What somebody who looks on sees; to see it, the twin has to come up to that instant."""
+        for seen in self._guarded(lambda: [look(self._own(now))]):
+            return seen
+        raise RuntimeError(self._tally.crash)
 
     def _hits(self, sort: str, kind: str) -> bool:
         """Whether the fault hits this message; counts it."""
