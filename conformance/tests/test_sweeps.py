@@ -366,3 +366,15 @@ def test_a_sample_of_other_readings_conforms(model: str) -> None:
     sweep = QuirkSweep(Setting(model, "virtual", "quick", 300), seed=1, at_once=8)
     row = sweep.judge(1)
     assert row["outcome"] in ("sound", "unread"), row["why"]
+
+
+@pytest.mark.strength
+@pytest.mark.parametrize(("kind", "other"), [("0C", "08"), ("0F", "1B")])
+def test_a_module_that_a_command_has_led_elsewhere_is_found_and_fails(
+    kind: str, other: str
+) -> None:
+    """At the address, or the rate, that the command would have set had it been the other one."""
+    setting = Setting("mac23", "a plain port", "quick", 300, is_exitfirst=True)
+    fault = Fault("effect", f"that of {other}", (kind,))
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert (row["outcome"], row["failed"]) == ("caught", [f"MACS-CMD-{kind}-01"]), row

@@ -59,8 +59,12 @@ class Tally:
             self.crash = UNENDING
             raise RuntimeError(UNENDING) from None
         except Exception as error:
-            self.crash = self.crash or f"{type(error).__name__}: {error}"
+            self.fall(f"{type(error).__name__}: {error}")
             raise
+
+    def fall(self, reason: str) -> None:
+        """The twin is no more; the first reason counts."""
+        self.crash = self.crash or reason
 
     def look(self, device: Any, now: int) -> None:
         """Follow a shaft, if the device has one."""
