@@ -8,6 +8,7 @@ import os
 import random
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.parse import parse_qsl
 
 import pytest
@@ -21,6 +22,7 @@ from sweeping.readings import FIXED, drawn, go_together, misread, pooled, single
 from sweeping.runs import LONGEST_S, Row, Setting
 from sweeping.sweeps import MODELS, FaultSweep, QuirkSweep
 from sweeping.wrong_device import Tally, functions, planted
+from zoo.judge import Overrun, limited
 
 from axistwin.catalog import models
 from axistwin.cli.program import EXIT_BUG
@@ -279,6 +281,40 @@ def test_a_twin_whose_fault_makes_it_turn_on_the_spot_is_no_device(
     assert device.next_event() is None
 
 
+@pytest.mark.strength
+@pytest.mark.parametrize("look", ["cells", "is_moving", "describe"])
+def test_a_twin_that_turns_on_the_spot_while_it_is_looked_at_is_no_device(
+    monkeypatch: pytest.MonkeyPatch, look: str
+) -> None:
+    """Who reads what it keeps lets it come up to the present, where it may never arrive."""
+
+    def turn(now: int) -> None:
+        while True:
+            random.random()
+
+    monkeypatch.setattr(wrong_device, "LIMIT_S", 0.2)
+    inner = SimpleNamespace(**{look: turn})
+    tally = Tally()
+    device = wrong_device.WrongDevice(inner, Fault("none", ""), FORMATS["mac23"], tally)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="never comes to an end"):
+            getattr(device, look)(0)
+    assert tally.crash == "never comes to an end"
+
+
+@pytest.mark.strength
+def test_a_limit_goes_on_behind_the_limits_within_it() -> None:
+    """A run of many chunks that are each short enough is ended all the same."""
+
+    def work_on() -> None:
+        for _ in range(200_000):
+            with limited(5.0):
+                random.random()
+
+    with pytest.raises(Overrun), limited(0.3):
+        work_on()
+
+
 @pytest.mark.strength(seconds=60)
 @pytest.mark.parametrize(("model", "number"), SAMPLE)
 def test_a_sample_of_wrong_devices_is_caught(model: str, number: int) -> None:
@@ -369,3 +405,15 @@ def test_a_sample_of_other_readings_conforms(model: str) -> None:
     sweep = QuirkSweep(Setting(model, "virtual", "quick", 300), seed=1, at_once=8)
     row = sweep.judge(1)
     assert row["outcome"] in ("sound", "unread"), row["why"]
+
+
+@pytest.mark.strength
+@pytest.mark.parametrize(("kind", "other"), [("0C", "08"), ("0F", "1B")])
+def test_a_module_that_a_command_has_led_elsewhere_is_found_and_fails(
+    kind: str, other: str
+) -> None:
+    """At the address, or the rate, that the command would have set had it been the other one."""
+    setting = Setting("mac23", "a plain port", "quick", 300, is_exitfirst=True)
+    fault = Fault("effect", f"that of {other}", (kind,))
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert (row["outcome"], row["failed"]) == ("caught", [f"MACS-CMD-{kind}-01"]), row

@@ -169,7 +169,8 @@ class Family(ABC):
 
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
         """Which requirement a reply to these bytes breaks, if it is one that no device of the
-        family gives; `reply` None: there was none, the twin had crashed."""
+        family gives; `reply` None: there was none, the twin had crashed.  No request: it answers
+        nothing any more where it was; it may be found where only a command led that nobody sent."""
         return None
 
     def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:

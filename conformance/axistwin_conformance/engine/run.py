@@ -228,6 +228,8 @@ class Engine:
             if self.options.is_only_detection:
                 self._detect(run, self._probes(is_destructive=True))
         except (TargetError, UsageError) as error:  # what it has failed is not hidden by either
+            if self._is_identified and isinstance(error, TargetError):
+                self._guard.seek(run)
             if not (self._guard.violations or self._guard.blocked):
                 raise
             if not self._guard.blocked:
@@ -520,6 +522,7 @@ class Engine:
             if not device_guard.revive(run):
                 device_guard.block(f"{crash}; no fresh one could take its place")
         elif not is_sane:
+            device_guard.seek(run)
             device_guard.block(f"the device no longer answers after {check.name}{why}")
             result = result if run.target.is_lossless else result.withdrawn(device_guard.blocked)
         return result

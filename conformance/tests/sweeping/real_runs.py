@@ -18,10 +18,9 @@ from axistwin.cli.program import EXIT_BUG
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
 from sweeping.runs import NEIGHBOURS, TRAVEL, Row, Setting, judged_within, told
-from sweeping.wrong_device import Tally
+from sweeping.wrong_device import UNENDING, Tally
 
 PTY = "a pty"
-UNENDING = "never comes to an end"
 LIMIT_S = 60.0  # until it is there, or gone
 TICK_S = 0.01
 

@@ -15,20 +15,23 @@ from importlib import import_module
 from typing import Any
 
 import pytest
-from zoo.judge import Overrun, limited
+from zoo.judge import Overrun, is_over, limited
 from zoo.mutant import forget
 
 from axistwin.kernel.effects import SendFrame, Transmit
+from axistwin.runtime.control_access import DeviceAccess
 from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.wire.can_frame import CanFrame
 from sweeping.faults import CHANGES, Fault
 from sweeping.formats import FORMATS, Format
 
+UNENDING = "never comes to an end"
 GHOST_NS = 60_000_000  # so long a device answers whose effects are forgotten
 BYTE_NS = 1_000_000
 # Of processor time, for one chunk or wake-up: a twin whose fault makes it turn on the spot is no
 # device.
 LIMIT_S = 5.0
+MOST_WAKES = 10_000  # at one instant
 
 
 @dataclass
@@ -42,6 +45,26 @@ class Tally:
     furthest: int = 0
     crash: str = ""
     first: dict[int, int] = field(default_factory=dict)
+
+    def within(self, call: Callable[..., Any], *given: Any) -> Any:
+        """What a device gives within `LIMIT_S`; raises what it falls over, and what it has."""
+        if self.crash:
+            raise RuntimeError(self.crash)
+        try:
+            with limited(LIMIT_S):
+                return call(*given)
+        except Overrun:
+            if is_over():  # the run, and not for this chunk
+                raise
+            self.crash = UNENDING
+            raise RuntimeError(UNENDING) from None
+        except Exception as error:
+            self.fall(f"{type(error).__name__}: {error}")
+            raise
+
+    def fall(self, reason: str) -> None:
+        """The twin is no more; the first reason counts."""
+        self.crash = self.crash or reason
 
     def look(self, device: Any, now: int) -> None:
         """Follow a shaft, if the device has one."""
@@ -70,6 +93,7 @@ class WrongDevice:
         rate = fault.amount if fault.part == "clock" else 1000
         self._rate = Fraction(rate, 1000)
         self._origin_ns: int | None = None if rate != 1000 else 0
+        self._woken_ns, self._wakes = -1, 0
         tally.hits += rate != 1000
 
     def __getattr__(self, name: str) -> Any:
@@ -102,6 +126,11 @@ class WrongDevice:
 
     def wake(self, now: int) -> list[Any]:
         """Do what is due."""
+        self._wakes = self._wakes + 1 if now == self._woken_ns else 0
+        self._woken_ns = now
+        if self._wakes > MOST_WAKES:
+            self._tally.crash = UNENDING
+            raise RuntimeError(UNENDING)
         found: list[Any] = []
         if self._true is not None and now >= self._ghost_until_ns:
             self._lay_ghost(now)
@@ -117,23 +146,23 @@ class WrongDevice:
 
     def power_off(self, now: int) -> list[Any]:
         """As the twin."""
-        return list(self._inner.power_off(self._own(now)))
+        return self._guarded(self._inner.power_off, self._own(now))
 
     def power_on(self, now: int) -> list[Any]:
         """As the twin."""
-        return list(self._inner.power_on(self._own(now)))
+        return self._guarded(self._inner.power_on, self._own(now))
 
     def cells(self, now: int) -> Any:
         """As the twin."""
-        return (self._true or self._inner).cells(self._own(now))
+        return self._seen((self._true or self._inner).cells, now)
 
     def is_moving(self, now: int) -> bool:
         """As the twin."""
-        return bool(self._inner.is_moving(self._own(now)))
+        return bool(self._seen(self._inner.is_moving, now))
 
     def describe(self, now: int) -> Any:
         """As the twin."""
-        return self._inner.describe(self._own(now))
+        return self._seen(self._inner.describe, now)
 
     # --- what comes -------------------------------------------------------------------------------
 
@@ -182,17 +211,11 @@ class WrongDevice:
         return self._out(self._guarded(self._inner.sent, made, self._own(end_ns)), end_ns)
 
     def _guarded(self, call: Callable[..., Any], *given: Any) -> list[Any]:
-        if self._tally.crash:
-            return []  # it is no more
-        try:
-            with limited(LIMIT_S):
-                return list(call(*given))
-        except Overrun:
-            self._tally.crash = "never comes to an end"
-            raise RuntimeError(self._tally.crash) from None
-        except Exception as error:
-            self._tally.crash = f"{type(error).__name__}: {error}"
-            raise
+        return [] if self._tally.crash else list(self._tally.within(call, *given))
+
+    def _seen(self, look: Callable[[int], Any], now: int) -> Any:
+        """What somebody who looks on sees; to see it, the twin has to come up to that instant."""
+        return self._tally.within(look, self._own(now))
 
     def _hits(self, sort: str, kind: str) -> bool:
         """Whether the fault hits this message; counts it."""
@@ -450,7 +473,13 @@ def planted(fault: Fault, model: str, tally: Tally) -> Iterator[str]:
             wrong = [WrongDevice(one, wrapped, FORMATS[model], tally) for one in devices]
             made(self, wrong, *given)
 
+        value = DeviceAccess._value  # it has the twin itself
+
+        def looking(self: Any, *given: Any) -> Any:
+            return tally.within(value, self, *given)
+
         patch.setattr(DeviceNetwork, "__init__", making)
+        patch.setattr(DeviceAccess, "_value", looking)
         forget()
         try:
             yield place

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cache
 from itertools import product
 from types import FrameType
-from typing import Any
+from typing import Any, Final
 
 from small_scratch import small_scratch
 
@@ -40,26 +41,41 @@ Flaw = tuple[str, str, str | None]
 # Of one check, in processor time, however busy the machine is: many times what any needs.  A twin
 # that never comes to an end is not killed by that.
 LIMIT_S = 60.0
+LEAST_S = 0.001  # of a limit that is over; 0 would be none
+DEADLINES: Final[list[float]] = []  # of the limits that hold, by the clock of the process
 
 
 class Overrun(BaseException):
     """A check took too long; no Exception, so that the engine does not take it for a crash."""
 
 
+def is_over() -> bool:
+    """Whether a limit that holds has passed: the timer comes late, or not while others are set."""
+    return any(until_s <= time.process_time() for until_s in DEADLINES)
+
+
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Raise Overrun in this (the main) thread after so many seconds of processor time."""
+    """Raise Overrun in this (the main) thread after so many seconds of processor time; what is left
+    of a limit around it goes on."""
 
     def ring(number: int, frame: FrameType | None) -> None:
         raise Overrun
 
+    if is_over():
+        raise Overrun
+    around_s = DEADLINES[-1:]
+    DEADLINES.append(time.process_time() + seconds)
     before = signal.signal(signal.SIGPROF, ring)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
+        DEADLINES.pop()
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.signal(signal.SIGPROF, before)
+        for until_s in around_s:
+            signal.setitimer(signal.ITIMER_PROF, max(until_s - time.process_time(), LEAST_S))
 
 
 @cache

@@ -14,8 +14,8 @@ Rules.
 4. The device is judged by what it answers here as well (`record_violation`): in virtual time, where
    nothing gets lost by itself, by every reply; on a real line by the same wrong bytes time after
    time, from a device that otherwise still answers, or by silence twice, each time for as long as
-   ends a run, if it still answers something else.  Other silence, and garbage that never settles,
-   may be the line.
+   ends a run, if it still answers something else; or by being elsewhere, where only a command led
+   that nobody sent (`seek`).  Other silence, and garbage that never settles, may be the line.
 5. A twin in this process that crashed has failed what it was asked for; a fresh one takes its place
    (`revive`), so that one mistake of a twin does not hide the next.
 6. An axis that was seen where nothing leads that it was asked for is moved no more; what is passive
@@ -517,6 +517,17 @@ class DeviceGuard:
         self.has_failed = True
         self.emit(events.CheckStarted(0, 0, act, behaviour, check.requirements))
         self.emit(result.as_event(0, 0, self.options.command))
+
+    def seek(self, run: Run) -> None:
+        """Judge a device that answers no more where it was, but elsewhere (rule 4)."""
+        if run.target.crash:
+            return
+        run.silence_limit.good()
+        session = Session(run)
+        with contextlib.suppress(TargetError):
+            if violation := self.options.family.diagnose(session, b"", b""):
+                self._accuse(session, "sanity", ACTS["sanity"], violation)
+                self.trouble(violation.actual)
 
     def block(self, reason: str) -> None:
         """Ask nothing more of the device in this run."""

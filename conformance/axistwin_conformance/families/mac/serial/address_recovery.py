@@ -11,12 +11,18 @@ from contextlib import contextmanager
 from typing import Final
 
 from axistwin_conformance.base.retry import RETRY
+from axistwin_conformance.base.transcript import Direction
+from axistwin_conformance.core.family import Violation
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES, ReplyKind
+from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
 
 RATES: Final = {0x01: 9600, 0x02: 19200, 0x03: 38400}  # MACS-CMD-1B-01
+ADDRESSES: Final = range(0x80)  # MACS-FRAME-07
+LATEST_RECORDS: Final = 200  # more than are made until silence ends a run
+LEADING_AWAY: Final = (0x01, 0x08, 0x1B)  # to another address or rate
 
 
 def answers(driver: SerialDriver, address: int) -> bool:
@@ -108,3 +114,54 @@ def _reaches_rate(driver: SerialDriver, baud: int) -> bool:
     driver.motion.wait_awake()
     driver.client.target.baud = baud
     return answers(driver, driver.client.address)
+
+
+def found_elsewhere(driver: SerialDriver) -> Violation | None:
+    """What a module has broken that answers no more, but does at the address, or at the rate, that
+    its last command would have set had it been 08h, or 1Bh.  It is not brought back from there:
+    that takes what was not allowed."""
+    for index, value in _last_commands(driver):
+        place = _place_of(driver, value)
+        if place and index not in LEADING_AWAY:
+            return Violation(
+                f"MACS-CMD-{index:02X}-01",
+                f"the module where it was, after {index:02X}h",
+                f"after {index:02X}h with {value:02X}h nobody answers there, and {place}",
+            )
+    return None
+
+
+def _place_of(driver: SerialDriver, value: int) -> str:
+    """Where a module answers that this value has led away; empty if none does."""
+    target, known = driver.client.target, (driver.client.address, *driver.session.neighbours)
+    if value in ADDRESSES and value not in known and answers(driver, value):
+        return f"a module answers at address {value:02X}h"
+    rate, before = RATES.get(value), target.baud
+    if rate in (None, before) or not has_rate(driver):
+        return ""
+    try:
+        target.baud = rate
+        is_there = answers(driver, driver.client.address)
+    finally:
+        target.baud = before
+    return f"a module answers at {rate} baud" if is_there else ""
+
+
+def _last_commands(driver: SerialDriver) -> list[tuple[int, int]]:
+    """Index and last byte of each command since the last one that was answered, and of that one."""
+    transcript, found = driver.client.target.transcript, list[tuple[int, int]]()
+    is_answered = False
+    for record in reversed(transcript.since(max(0, transcript.position - LATEST_RECORDS))):
+        if record.direction is not Direction.HOST:
+            is_answered |= record.direction is Direction.DEVICE
+            continue
+        digits = record.data[4:18]
+        is_whole = len(record.data) == codec.REQUEST_BYTES and set(digits) <= codec.DIGITS
+        if is_whole and int(digits[:2], 16) == driver.client.address:
+            index = int(digits[2:4], 16)
+            if index in COMMAND_NAMES:
+                found.append((index, int(digits[-2:], 16)))
+                if is_answered:
+                    break
+        is_answered = False
+    return list(dict.fromkeys(found))

@@ -22,6 +22,7 @@ from axistwin_conformance.families.mac.axis.snapshot import MacFacts
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.axis.words import exchange_words, request_words
 from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.address_recovery import found_elsewhere
 from axistwin_conformance.families.mac.serial.diagnosis import diagnose
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.families.mac.serial.lenient import lenient
@@ -138,7 +139,9 @@ class MacSerial(AxisFamily):
         )
 
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
-        """See `diagnose`."""
+        """See `diagnose`, and `found_elsewhere`."""
+        if not request:
+            return found_elsewhere(SerialDriver(session))
         return diagnose(session, request, reply)
 
     def _read_leniently(
