@@ -52,8 +52,9 @@ SUITE = ROOT / "conformance" / "axistwin_conformance"
 JUDGE = ROOT / "scripts" / "mutate_judge.py"
 KNOWN = ROOT / "build" / "mutants"
 # What judges, one after the other, until something is said: model, behind a colon the address if
-# it is not the model's own, and level.
-Stages = Sequence[tuple[str, str]]
+# it is not the model's own, level, and checks, if not all.
+Stages = Sequence[tuple[str, str, Sequence[str]]]
+FEW = 40  # checks: where more execute a line, the whole run is not much dearer
 NICENESS = 10  # others may want to work on this machine
 WAIT_S = 600  # of real time, however busy the machine is
 
@@ -93,14 +94,14 @@ FAMILIES: Mapping[str, Family] = {
         ),
         # Words for people, of which nothing reaches the wire.
         ("devices/mac/serial/decode.py", "devices/mac/axis/command_words.py"),
-        (("mac23", "quick"), ("mac23", "full"), ("mac34-1", "quick")),
+        (("mac23", "quick", ()), ("mac23", "full", ()), ("mac34-1", "quick", ())),
         TESTS / "zoo" / "survivors.toml",
         "",
     ),
     "mac_can": Family(
         ("devices/mac/can/*.py", "devices/mac/axis/module.py"),
         ("devices/mac/can/decode.py",),
-        (("mac23-can", "quick"), ("mac23-can", "full")),
+        (("mac23-can", "quick", ()), ("mac23-can", "full", ())),
         TESTS / "zoo_can" / "survivors.toml",
         "mac_can-",
     ),
@@ -108,14 +109,14 @@ FAMILIES: Mapping[str, Family] = {
         ("devices/msc/*.py",),
         ("devices/msc/decode.py",),
         # A unit that is not number 1 is on RS-485.
-        (("msc-250", "quick"), ("msc-250", "full"), ("msc-generic:6", "full")),
+        (("msc-250", "quick", ()), ("msc-250", "full", ()), ("msc-generic:6", "full", ())),
         TESTS / "zoo_msc" / "survivors.toml",
         "msc-",
     ),
     "mn400": Family(
         ("devices/mn400/*.py", "devices/mn400/link/*.py", "devices/mn400/motion/*.py"),
         ("devices/mn400/link/decode.py", "devices/mn400/controls.py", "devices/mn400/family.py"),
-        (("mn400", "quick"), ("mn400", "full")),
+        (("mn400", "full", ()),),  # the quick run is nearly as dear and sees nothing beside
         TESTS / "zoo_mn400" / "survivors.toml",
         "mn400-",
     ),
@@ -161,6 +162,7 @@ class Mutation:
     after: str
     source: str = field(repr=False)  # the whole mutated file
     number: int = 1  # of the changes of this file that read alike
+    checks: tuple[str, ...] = ()  # what executes the line
 
     @property
     def name(self) -> str:
@@ -300,10 +302,11 @@ def _column(line: str, offset: int) -> int:
 # --- the sample ----------------------------------------------------------------------------------
 
 
-def reached_lines(folder: Path, family: Family) -> dict[str, set[int]]:
-    """The lines that the suite has the default twins execute; the others are code of other readings
-    of the manual, of other plants, or for panels, and no judgement of these twins can see them."""
-    sources = sorted(folder.rglob("*.py"))
+def reached_lines(folder: Path, family: Family) -> dict[str, dict[int, list[str]]]:
+    """The lines that the suite has the default twins execute, each with the checks that do; the
+    other lines are code of other readings of the manual, of other plants, or for panels, and no
+    judgement of these twins can see them."""
+    sources = [JUDGE, *sorted(folder.rglob("*.py"))]
     state = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
     kept = KNOWN / f"{family.known}reached-{state}.json"
     if not kept.is_file():
@@ -315,7 +318,9 @@ def reached_lines(folder: Path, family: Family) -> dict[str, set[int]]:
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(done.stdout.splitlines()[-1], encoding="utf-8")
     table = json.loads(kept.read_text(encoding="utf-8"))
-    return {name: set(lines) for name, lines in table.items()}
+    return {
+        name: {int(line): checks for line, checks in lines.items()} for name, lines in table.items()
+    }
 
 
 def sample(folder: Path, family: Family, seed: int) -> list[Mutation]:
@@ -324,7 +329,11 @@ def sample(folder: Path, family: Family, seed: int) -> list[Mutation]:
     reached = reached_lines(folder, family)
     paths = family.paths(package)
     found = [one for path in paths for one in mutations(package, path)]
-    seen = [one for one in found if one.line in reached.get(one.path, ())]
+    seen = [
+        replace(one, checks=tuple(reached[one.path][one.line]))
+        for one in found
+        if one.line in reached.get(one.path, ())
+    ]
     print(f"{len(found)} mutations of {len(paths)} files, {len(seen)} of them reached", flush=True)
     return sorted(seen, key=lambda one: hashlib.sha256(f"{seed} {one.name}".encode()).digest())
 
@@ -348,7 +357,7 @@ class Bench:
             compiled.unlink()  # it is told from a stale one by the second and the size only
         path.write_text(mutation.source, encoding="utf-8")
         try:
-            return self._run(stages) | {"stages": len(stages)}
+            return self._run([*_first(mutation, stages), *stages]) | {"stages": len(stages)}
         finally:
             path.write_bytes(healthy)
 
@@ -370,6 +379,13 @@ class Bench:
         if done.returncode < 0:
             return {"outcome": "time-out"}
         return {"outcome": "crash", "text": done.stderr.strip().splitlines()[-1]}
+
+
+def _first(mutation: Mutation, stages: Stages) -> Stages:
+    """The checks that execute the line of a mutation, if they are few: one of them kills it as a
+    rule, at a small part of the price of a whole run."""
+    is_worth_it = stages and 0 < len(mutation.checks) <= FEW
+    return [(stages[0][0], "full", mutation.checks)] if is_worth_it else []
 
 
 def copy_sources(folder: Path) -> Path:

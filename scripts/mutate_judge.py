@@ -3,7 +3,8 @@
 Started by scripts/mutate in a process of its own, which a mutant may crash or keep busy for ever.
 Arguments: what to do (`judge` or `reach`), the stages as JSON, for `reach` the folder of the twins
 and the files of it that matter, as JSON.
-Prints one line of JSON: for `judge` what was said first, for `reach` the executed lines per file.
+Prints one line of JSON: for `judge` what was said first, for `reach` the executed lines per file,
+each with the checks that have executed it.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ import os
 import resource
 import signal
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from types import FrameType
 from typing import Any
 
-Stages = Sequence[tuple[str, str]]
+Stages = Sequence[tuple[str, str, Sequence[str]]]  # see scripts/mutate.py
 
 CRASHED = "the built-in twin crashed"  # how the suite words it
 MEMORY_BYTES = 4 << 30
@@ -66,12 +68,13 @@ def allot() -> None:
     signal.setitimer(signal.ITIMER_PROF, CHECK_S)
 
 
-def options_of(model: str, level: str) -> Any:
-    """The options of a run against the built-in twin `MODEL[:ADDRESS]`."""
+def options_of(model: str, level: str, checks: Sequence[str] = ()) -> Any:
+    """The options of a run of all or these checks against the built-in twin `MODEL[:ADDRESS]`."""
     from axistwin_conformance.cli import make_options
 
     name, _, address = model.partition(":")
-    options = make_options(model=name, level=level, address=int(address) if address else None)
+    at = int(address) if address else None
+    options = make_options(model=name, level=level, address=at, ids=tuple(checks))
     return replace(options, shrinks=False)
 
 
@@ -89,10 +92,10 @@ def judge(stages: Stages) -> None:
         watch(owner)
     readings: list[str] = []
     unsettled: list[str] = []
-    for model, level in stages:
+    for model, level, checks in stages:
         listener = _Listener(f"{model} {level}")
         allot()
-        result = Engine(options_of(model, level)).run(listener.hear)
+        result = Engine(options_of(model, level, checks)).run(listener.hear)
         listener.heed_crash(result.refusal)
         if result.refusal:
             say("refused", stage=listener.stage, text=result.refusal)
@@ -136,16 +139,23 @@ class _Listener:
 
 
 def reach(stages: Stages, root: str, paths: Iterable[str]) -> None:
-    """Print which lines of these files of the twins the stages have them execute."""
-    reached: dict[str, set[int]] = {}
+    """Print which lines of these files of the twins the stages have them execute, and in which
+    checks; in none what only an import, a probe or what is between the checks executes."""
+    reached: dict[str, set[tuple[int, str]]] = {}
     followers: dict[str, Callable[..., Any]] = {}
     chosen = {f"{root}/{path}" for path in paths}
+    running = ""  # the check
+
+    def hear(event: Any) -> None:
+        nonlocal running
+        if isinstance(event, CheckStarted | CheckFinished):
+            running = event.name if isinstance(event, CheckStarted) else ""
 
     def follower(name: str) -> Callable[..., Any]:
         lines = reached.setdefault(name, set())
 
         def follow(frame: FrameType, event: str, arg: object) -> Callable[..., Any]:
-            lines.add(frame.f_lineno)
+            lines.add((frame.f_lineno, running))
             return follow
 
         return follow
@@ -159,12 +169,21 @@ def reach(stages: Stages, root: str, paths: Iterable[str]) -> None:
         return followers[name](frame, event, arg)  # type: ignore[no-any-return]
 
     sys.settrace(trace)
+    from axistwin_conformance.base.events import CheckFinished, CheckStarted
     from axistwin_conformance.engine.run import Engine
 
-    for model, level in stages:
-        Engine(options_of(model, level)).run(lambda event: None)
+    for stage in stages:
+        Engine(options_of(*stage)).run(hear)
     sys.settrace(None)
-    print(json.dumps({name: sorted(lines) for name, lines in reached.items()}))
+    print(json.dumps({name: by_line(lines) for name, lines in reached.items()}))
+
+
+def by_line(reached: Iterable[tuple[int, str]]) -> dict[int, list[str]]:
+    """Line → the checks that have executed it."""
+    table: dict[int, list[str]] = defaultdict(list)
+    for line, check in sorted(reached):
+        table[line] += [check] if check else []
+    return table
 
 
 def main(arguments: Iterable[str]) -> None:
