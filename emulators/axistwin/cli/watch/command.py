@@ -10,7 +10,7 @@ import click
 
 from axistwin.cli.ctl import complete_by, daemon_options, device_names, make_client
 from axistwin.cli.event_lines import EventLines, missing_for_watching
-from axistwin.control.client import ControlClient
+from axistwin.control.client import HTTP, HTTPS, ControlClient
 from axistwin.errors import UsageError
 
 
@@ -19,7 +19,12 @@ from axistwin.errors import UsageError
     "target", metavar="[URL|NAME]", required=False, shell_complete=complete_by(device_names)
 )
 @daemon_options
-def watch(target: str | None, control_address: str | None, token_file: str | None) -> None:
+def watch(
+    target: str | None,
+    control_address: str | None,
+    token_file: str | None,
+    authority: str | None,
+) -> None:
     """Show what the devices of a daemon do, until Ctrl-C.
 
     \b
@@ -32,15 +37,17 @@ def watch(target: str | None, control_address: str | None, token_file: str | Non
     output is no terminal, each change is a line.
     """
     name = target or ""
-    if name.startswith("http://"):
+    if name.startswith((HTTP, HTTPS)):
         if (
             control_address
             and click.get_current_context().get_parameter_source("control_address")
             is click.core.ParameterSource.COMMANDLINE
         ):
             raise UsageError(f"{target}: it says where the daemon is; leave out --control")
-        control_address, _, name = name.removeprefix("http://").partition("/")
-    client = make_client(control_address, token_file)
+        scheme, _, rest = name.partition("://")
+        place, _, name = rest.partition("/")
+        control_address = f"{scheme}://{place}"
+    client = make_client(control_address, token_file, authority)
     devices = [client.get("devices", name)] if name else client.get("devices")["devices"]
     try:
         if sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb":
