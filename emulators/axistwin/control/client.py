@@ -20,7 +20,9 @@ HTTP: Final = "http://"
 HTTPS: Final = "https://"
 
 LET_GO: Final = 4002
-"""The code with which the WebSocket closes when a line that is watched was removed."""
+"""The code with which the WebSocket closes when a line that is watched was removed, or one was
+added to all that are watched.
+"""
 
 
 class ControlClient:
@@ -87,6 +89,7 @@ class ControlClient:
         """What happens to ``devices`` (none named: all), from now on: snapshots first, then events.
 
         When one of their lines is removed it begins again: a reload may have brought the line back.
+        So it does, where none is named, when a line is added.
         Raises UsageError, also for a device that is gone, and PortError when the daemon ends.
         """
         while True:

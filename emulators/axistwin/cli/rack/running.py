@@ -159,7 +159,7 @@ class RackRunner:
         except AxistwinError as error:
             self._report_failure(section, error)
             return
-        self._lines.rack.lines[section.name].begin()
+        self._lines.rack.begin(section.name)
         self._report_ready(section.name)
 
     def _remove(self, name: str) -> None:

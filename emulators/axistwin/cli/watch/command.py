@@ -53,14 +53,14 @@ def watch(
         if sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb":
             _show(client, devices, is_detailed=bool(name))
         else:
-            _print(client, devices)
+            _print(client, *([devices[0]["name"]] if name else ()))
     except ImportError as error:
         raise missing_for_watching(error) from None
 
 
-def _print(client: ControlClient, devices: list[dict[str, Any]]) -> None:
+def _print(client: ControlClient, *devices: str) -> None:
     event_lines = EventLines()
-    for event in client.watch(*(each["name"] for each in devices)):
+    for event in client.watch(*devices):
         for line in event_lines.lines(event):
             click.echo(line)
 
@@ -72,6 +72,7 @@ def _show(client: ControlClient, devices: list[dict[str, Any]], *, is_detailed: 
         (device,) = devices
         controls = client.get("devices", device["name"], "controls")["controls"]
         screen: OverviewScreen | DetailScreen = DetailScreen(device, controls)
+        follow(screen, client.watch(device["name"]))
     else:
-        screen = OverviewScreen(devices)
-    follow(screen, client.watch(*(each["name"] for each in devices)))
+        screen = OverviewScreen(devices, lambda name: client.get("devices", name))
+        follow(screen, client.watch())
