@@ -158,7 +158,8 @@ def _family_options(function: Function) -> Function:
     type=Word(),
     metavar="[twin|prompt|command|URL]",
     help="Rig that operates inputs, supply and shaft; URL: the control API of a running twin, such"
-    " as http://127.0.0.1:8080. A device also needs --allow rig; a twin is its own rig.",
+    " as http://127.0.0.1:8080, or https://. A device also needs --allow rig; a twin is its own"
+    " rig.",
 )
 @click.option(
     "--rig-command",

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trustme
 from click.testing import CliRunner
 from daemon_process import daemon
 
@@ -117,6 +118,28 @@ def test_a_rig_that_cannot_be_had_is_one_clear_line(
     monkeypatch.delenv("AXISTWIN_CONTROL_TOKEN")
     with pytest.raises(UsageError, match="a token is needed"):
         choose(rack.url)
+
+
+def test_a_daemon_with_a_certificate_is_a_rig_by_its_ca(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which the environment names; one that is not trusted, or is no CA, is told in one line."""
+    authority = trustme.CA()
+    both, trusted, other = (tmp_path / name for name in ("both.pem", "ca.pem", "other.pem"))
+    authority.issue_cert("127.0.0.1").private_key_and_cert_chain_pem.write_to_path(str(both))
+    authority.cert_pem.write_to_path(str(trusted))
+    trustme.CA().cert_pem.write_to_path(str(other))
+    words = ("mac23", "--control", "127.0.0.1:0", "--control-certificate", str(both), "--json")
+    with daemon(tmp_path, *words) as process:
+        url = process.event()["control"]
+        monkeypatch.setenv("AXISTWIN_CONTROL_CA", str(trusted))
+        assert choose(url).words(is_default=False) == ["--rig", url]
+        RemoteTwin(url, 0).controls["inputs.reference"].set(True)
+        assert RemoteTwin(url, 0).controls["inputs.reference"].value is True
+        for file, reason in ((other, "not trusted"), (tmp_path / "none", "No such file")):
+            monkeypatch.setenv("AXISTWIN_CONTROL_CA", str(file))
+            with pytest.raises(UsageError, match=f"{reason}.*"):
+                choose(url)
 
 
 def test_a_daemon_that_ends_is_the_rigs_trouble(tmp_path: Path) -> None:

@@ -4,14 +4,18 @@ import contextlib
 import os
 import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import pytest
 
+from axistwin.runtime.serving import loop as loop_module
 from axistwin.runtime.serving.loop import Loop, LoopShare
 
 
@@ -209,6 +213,57 @@ def test_signals_are_handled_while_it_waits_and_forgotten_when_it_is_closed() ->
         loop.run()
     assert called == [1]
     assert signal.getsignal(signal.SIGUSR1) is before
+
+
+def run_with_signal_at(instruction: int, limit_s: float) -> int | None:
+    """Serve, with SIGTERM before that instruction of the loop's code.
+
+    None: that ended it.  Else it was stopped after ``limit_s``, and had come to this instruction.
+    """
+    seen = 0
+    waits_at: int | None = None
+    loop = Loop()
+
+    def wake() -> None:
+        nonlocal waits_at
+        waits_at = seen
+        loop.stop()
+
+    def trace(frame: FrameType, event: str, _: object) -> Any:
+        nonlocal seen
+        if frame.f_code.co_filename != loop_module.__file__:
+            return None
+        frame.f_trace_opcodes = True
+        if event == "opcode":
+            if seen == instruction:
+                signal.raise_signal(signal.SIGTERM)
+            seen += 1
+        return trace
+
+    with contextlib.closing(loop):
+        loop.install_signal_handlers([signal.SIGTERM])
+        loop.call_soon(int)
+        loop.call_later(0.0, int)
+        waker = threading.Timer(limit_s, wake)
+        waker.start()
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            loop.run()
+        finally:
+            sys.settrace(before)
+            waker.cancel()
+    return waits_at
+
+
+def test_a_signal_before_any_instruction_of_the_loop_ends_it() -> None:
+    """Also one between the last look at what has come and the wait."""
+    count = run_with_signal_at(-1, limit_s=1.0)
+    assert count is not None
+    assert count > 50
+    for instruction in range(count):
+        is_lost = run_with_signal_at(instruction, limit_s=30.0) is not None
+        assert not is_lost, f"the signal before instruction {instruction} was lost"
 
 
 def test_a_second_signal_before_there_is_a_server_breaks_the_start_off() -> None:

@@ -1,5 +1,6 @@
 """``axistwin rack`` as a process: served, worked, reloaded, ended."""
 
+import io
 import json
 import re
 import shlex
@@ -12,8 +13,10 @@ from typing import Any
 import pytest
 import serial
 from daemon_process import TIMEOUT_S, Daemon, daemon, invoke
+from rich.console import Console
 from served import eventually
 
+from axistwin.cli.watch.screen import OverviewScreen
 from axistwin.control.client import ControlClient
 from axistwin.errors import UsageError
 
@@ -159,6 +162,40 @@ def test_who_watches_a_line_that_changes_sees_it_come_back(tmp_path: Path) -> No
         with pytest.raises(UsageError, match="no device 'mac23:0@press': known: mac23:0@other"):
             until(events, "snapshot")
         assert rack.end()[0] == 0
+
+
+def test_who_watches_all_sees_the_lines_that_a_reload_adds(tmp_path: Path) -> None:
+    """With those that were there; who watches one device is not disturbed."""
+    control = '[control]\naddress = "127.0.0.1:0"\n'
+    with serve(tmp_path, control + line_of("press")) as rack:
+        client = ControlClient(ready(rack, 1)["mac23:0@press"]["control"])
+        everything, alone = client.watch(), client.watch("mac23:0@press")
+        screen = OverviewScreen(
+            client.get("devices")["devices"], lambda name: client.get("devices", name)
+        )
+        for events in (everything, alone):
+            assert next(events)["event"] == "snapshot"
+        reload(rack, tmp_path, control + line_of("press") + line_of("saw"))
+        told = [event for _ in range(2) for event in until(everything, "snapshot")]
+        shown = [event["device"] for event in told if event["event"] == "snapshot"]
+        assert shown == ["mac23:0@press", "mac23:0@saw"]
+        assert "line_added" in [event.get("kind") for event in told]
+        assert [event.get("kind") for event in until(alone, "line")] == ["line_added"]
+        for event in told:
+            screen.receive(event)
+        assert all(name in text_of(screen, 2) for name in shown)
+        reload(rack, tmp_path, control + line_of("saw"))
+        for event in until(everything, "snapshot"):
+            screen.receive(event)
+        assert "mac23:0@press" not in text_of(screen, 1)
+        assert rack.end()[0] == 0
+
+
+def text_of(screen: OverviewScreen, count: int) -> str:
+    """What it shows of so many devices, without the events below."""
+    console = Console(width=80, file=io.StringIO(), record=True)
+    console.print(screen.render(80, count + 2))
+    return console.export_text()
 
 
 def until(events: Iterator[dict[str, Any]], kind: str) -> list[dict[str, Any]]:

@@ -61,7 +61,7 @@ def detail() -> DetailScreen:
 
 def overview(count: int = 3) -> OverviewScreen:
     """Devices with a position."""
-    screen = OverviewScreen([device(f"mac23:{number}") for number in range(count)])
+    screen = OverviewScreen([device(f"mac23:{number}") for number in range(count)], device)
     screen.receive(changed("mac23:0", position=-125, velocity=2.5))
     return screen
 
@@ -198,7 +198,7 @@ def test_the_page_shows_what_is_shown(address: str) -> None:
     client = ControlClient(address)
     devices = client.get("devices")["devices"]
     controls = client.get("devices", "mac23:0", "controls")["controls"]
-    screens: list[Screen] = [OverviewScreen(devices), DetailScreen(devices[0], controls)]
+    screens: list[Screen] = [OverviewScreen(devices, device), DetailScreen(devices[0], controls)]
     for screen, (command_line, text) in zip(screens, (overview, one), strict=True):
         assert command_line in ("axistwin watch", "axistwin watch mac23")
         for each in devices:

@@ -30,11 +30,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, TextIO, TypeAlias, cast
-from urllib.parse import urlsplit
 
 from axistwin_conformance.base.errors import CannotDo, RigError, UsageError
 from axistwin_conformance.transport.kinds import LINE, TransportKind
-from axistwin_conformance.transport.remote_twin import SCHEME, Daemon, RefusedByTwin, RemoteTwin
+from axistwin_conformance.transport.remote_twin import SCHEMES, Daemon, RefusedByTwin, RemoteTwin
 from axistwin_conformance.transport.transport import Transport, is_twin_url
 
 KINDS: Final = ("twin", "prompt", "command")
@@ -409,7 +408,7 @@ class RigChoice:
                 rig = PromptRig(target, controls, notify=notify)
             case "command":
                 rig = CommandRig(target, controls, self.command)
-            case url if url.startswith(SCHEME):
+            case url if url.startswith(SCHEMES):
                 rig = TwinRig(target, address, controls, RemoteTwin(url, address))
             case _:
                 return None
@@ -442,12 +441,12 @@ def choose_rig(
         kind = "command" if command is not None else "twin" if is_twin else ""
     if command is not None and kind != "command":
         raise UsageError(f"--rig-command goes with --rig command, not with --rig {kind}")
-    if kind not in ("", *KINDS) and not kind.startswith(SCHEME):
+    if kind not in ("", *KINDS) and not kind.startswith(SCHEMES):
         raise UsageError(
             f"--rig {kind}: choose one of {', '.join(KINDS)}, or the URL of a daemon's control "
-            f"API, such as {SCHEME}127.0.0.1:8080"
+            f"API, such as http://127.0.0.1:8080"
         )
-    if kind.startswith(SCHEME) and is_allowed:
+    if kind.startswith(SCHEMES) and is_allowed:
         _check_daemon(kind)
     if kind == "twin" and not is_twin:
         twin = f"{transport_kind.option} {transport_kind.twin}..."
@@ -466,7 +465,7 @@ def choose_rig(
 
 def _check_daemon(url: str) -> None:
     try:
-        Daemon(urlsplit(url).netloc).ask("GET", "devices")
+        Daemon.of(url).ask("GET", "devices")
     except (RigError, ValueError, RefusedByTwin) as error:
         raise UsageError(
             f"--rig {url}: {error}; start the twins with 'axistwin run ... --control HOST:PORT'"

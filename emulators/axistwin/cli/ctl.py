@@ -12,6 +12,7 @@ import click
 from axistwin.cli.event_lines import EventLines, missing_for_watching, shown
 from axistwin.cli.wire_faults import FAULT_ACTIONS, FAULTS, LINE, work_line
 from axistwin.control.client import ControlClient
+from axistwin.control.tls import CA_VARIABLE
 from axistwin.control.token import TOKEN_VARIABLE, find_token
 from axistwin.errors import AxistwinError, UsageError, nearest
 from axistwin.wire.wire_fault import FAULT_FIELDS, FAULT_TYPES
@@ -36,11 +37,20 @@ def daemon_options(command: CommandT) -> CommandT:
             help=f"The daemon's token, if it wants one (default: ${TOKEN_VARIABLE}).",
         ),
         click.option(
+            "--control-ca",
+            "authority",
+            metavar="FILE",
+            envvar=CA_VARIABLE,
+            help="Certificates to trust at an https:// address, PEM (default: "
+            f"${CA_VARIABLE}, or those that this machine trusts).",
+        ),
+        click.option(
             "--control",
             "control_address",
-            metavar="HOST:PORT",
+            metavar="[URL|HOST:PORT]",
             envvar="AXISTWIN_CONTROL",
-            help=f"Where the daemon's control API is (default: $AXISTWIN_CONTROL, or {ADDRESS}).",
+            help="Where the daemon's control API is, https://HOST:PORT if it has a certificate "
+            f"(default: $AXISTWIN_CONTROL, or {ADDRESS}).",
         ),
     ):
         command = option(command)
@@ -54,7 +64,8 @@ def complete_by(
 
     def complete(context: click.Context, _: click.Parameter, begun: str) -> list[str]:
         try:
-            client = make_client(context.params.get("control_address"), None)
+            address, authority = (context.params.get(x) for x in ("control_address", "authority"))
+            client = make_client(address, None, authority)
             return [name for name in find(client, context.params) if name.startswith(begun)]
         except AxistwinError:
             return []
@@ -101,6 +112,7 @@ def ctl(
     values: tuple[str, ...],
     control_address: str | None,
     token_file: str | None,
+    authority: str | None,
     as_json: bool,
 ) -> None:
     """Work what is around the devices of a daemon: inputs, supply, power, load, faults.
@@ -123,7 +135,7 @@ def ctl(
     for word in (device or "", control or "", *values):
         if word.startswith("-") and not word[1:2].isdigit():
             raise UsageError(f"no option {word}; see 'axistwin ctl --help'")
-    client = make_client(control_address, token_file)
+    client = make_client(control_address, token_file, authority)
     if device == LINE:
         work_line(client, tuple(word for word in (control, *values) if word), as_json)
     elif device is None:
@@ -138,9 +150,11 @@ def ctl(
         _work(client, device, control, values, as_json)
 
 
-def make_client(address: str | None, token_file: str | None) -> ControlClient:
+def make_client(
+    address: str | None, token_file: str | None, authority: str | None
+) -> ControlClient:
     """Asks the daemon that the options name.  Raises UsageError."""
-    return ControlClient(address or ADDRESS, find_token(token_file, os.environ))
+    return ControlClient(address or ADDRESS, find_token(token_file, os.environ), authority)
 
 
 def _show_devices(client: ControlClient, as_json: bool) -> None:

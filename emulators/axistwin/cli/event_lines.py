@@ -48,7 +48,7 @@ class EventLines:
             if value is None:  # an action
                 return [f"{head} {name}"] if self._is_wanted(name) else []
             values = {name: value}
-        elif event["event"] == "changed":
+        else:  # also a snapshot of one who comes again
             values = {
                 name: value
                 for name, value in values.items()

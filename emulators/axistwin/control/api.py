@@ -284,7 +284,8 @@ class Api:
         try:
             names = [await self._do(each, lambda found: found.name) for each in device or ()]
             words = {each: TrafficWords(self._find_line(each)) for each in traffic or ()}
-            if not names and not words:
+            is_of_all = not names and not words
+            if is_of_all:
                 names = await self._wait(self._rack.do_all(_name))
         except UsageError as error:
             await client.send_denial_response(JSONResponse(problem(404, str(error)), 404))
@@ -297,7 +298,15 @@ class Api:
         try:
             offered = client.scope["subprotocols"]
             await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
-            await Watching(self._rack, self._live, self._counts, client, names, words).run()
+            await Watching(
+                self._rack,
+                self._live,
+                self._counts,
+                client,
+                names,
+                words,
+                is_of_all=is_of_all,
+            ).run()
         finally:
             self._counts.watchers -= 1
 

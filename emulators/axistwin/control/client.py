@@ -5,27 +5,40 @@ Needs nothing that is not in every installation, but for ``watch``.
 
 import http.client
 import json
+import ssl
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 from urllib.parse import quote, urlencode
 
+from axistwin.control.tls import CA_VARIABLE, client_context
 from axistwin.errors import PortError, UsageError
 from axistwin.ports.tcp import parse_address
 
 TIMEOUT_S: Final = 30.0
 
+HTTP: Final = "http://"
+HTTPS: Final = "https://"
+
 LET_GO: Final = 4002
-"""The code with which the WebSocket closes when a line that is watched was removed."""
+"""The code with which the WebSocket closes when a line that is watched was removed, or one was
+added to all that are watched.
+"""
 
 
 class ControlClient:
     """Asks the daemon at ``address``: HOST:PORT, or its URL.  Raises UsageError for a bad one.
 
-    token: what it wants of who is not on its machine.
+    token: what it wants of who is not on its machine.  authority: of one at an https:// URL, the
+    file with the certificates to trust; None: those that the machine trusts.
     """
 
-    def __init__(self, address: str, token: str | None = None) -> None:
-        self.address = address.removeprefix("http://").rstrip("/")
+    def __init__(
+        self, address: str, token: str | None = None, authority: str | None = None
+    ) -> None:
+        self._tls: ssl.SSLContext | None = None
+        if address.startswith(HTTPS):
+            self._tls = client_context(authority)
+        self.address = address.removeprefix(HTTPS).removeprefix(HTTP).rstrip("/")
         self._host, self._port = parse_address(self.address)
         self._headers = {} if token is None else {"Authorization": f"Bearer {token}"}
 
@@ -49,7 +62,7 @@ class ControlClient:
         headers = dict(self._headers)
         if body is not None:
             headers["Content-Type"] = "application/json"
-        connection = http.client.HTTPConnection(self._host, self._port, timeout=TIMEOUT_S)
+        connection = self._connection()
         try:
             url = "/".join(("/api/v1", *(quote(each, safe="") for each in path)))
             connection.request(method, url, json.dumps(body) if body is not None else None, headers)
@@ -65,10 +78,18 @@ class ControlClient:
             raise UsageError(str(answer["message"]))
         return answer
 
+    def _connection(self) -> http.client.HTTPConnection:
+        if self._tls is None:
+            return http.client.HTTPConnection(self._host, self._port, timeout=TIMEOUT_S)
+        return http.client.HTTPSConnection(
+            self._host, self._port, timeout=TIMEOUT_S, context=self._tls
+        )
+
     def watch(self, *devices: str) -> Iterator[dict[str, Any]]:
         """What happens to ``devices`` (none named: all), from now on: snapshots first, then events.
 
         When one of their lines is removed it begins again: a reload may have brought the line back.
+        So it does, where none is named, when a line is added.
         Raises UsageError, also for a device that is gone, and PortError when the daemon ends.
         """
         while True:
@@ -80,10 +101,14 @@ class ControlClient:
         from websockets.sync.client import connect
 
         query = urlencode({"device": devices}, doseq=True)
-        url = f"ws://{self.address}/api/v1/events?{query}"
+        url = f"{'ws' if self._tls is None else 'wss'}://{self.address}/api/v1/events?{query}"
         try:
             with connect(
-                url, additional_headers=self._headers, open_timeout=TIMEOUT_S, proxy=None
+                url,
+                additional_headers=self._headers,
+                open_timeout=TIMEOUT_S,
+                proxy=None,
+                ssl=self._tls,
             ) as socket:
                 for text in socket:
                     yield json.loads(text)
@@ -99,6 +124,20 @@ class ControlClient:
         raise PortError(f"control {self.address}: it has ended")
 
     def _nobody(self, error: Exception) -> PortError:
+        if isinstance(error, ssl.SSLCertVerificationError):
+            return PortError(
+                f"control {self.address}: its certificate is not trusted ({error.verify_message}); "
+                f"name the CA's file by --control-ca or {CA_VARIABLE}"
+            )
+        if isinstance(error, ssl.SSLError):
+            return PortError(
+                f"control {self.address}: no TLS is spoken there ({error.reason}); try {HTTP}"
+            )
+        if self._tls is None and isinstance(error, http.client.RemoteDisconnected):
+            return PortError(
+                f"control {self.address}: it hung up without an answer; if it has a certificate, "
+                f"write {HTTPS}{self.address}"
+            )
         reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower()
         return PortError(
             f"control {self.address}: no daemon answers there ({reason}); start one with "

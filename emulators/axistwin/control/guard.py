@@ -121,7 +121,8 @@ class Guard:
             raise RefusedError(
                 403, "Host is none of this server's; use the address that it printed"
             )
-        if origins and origins != [f"http://{hosts[0]}"]:
+        scheme = "https" if scope["scheme"] in ("https", "wss") else "http"
+        if origins and origins != [f"{scheme}://{hosts[0]}"]:
             raise RefusedError(403, "Origin is another site's; web pages of others are not served")
         is_public = scope["type"] == "http" and scope["path"] in self._public
         if self._token is not None and not is_public:

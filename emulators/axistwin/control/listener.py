@@ -5,6 +5,7 @@ Rules
 1. At most ``CONNECTIONS_MAX`` of HTTP: for another, the one that has been idle longest is closed.
 2. A connection without a request is closed after ``IDLE_S``, half a request or none at all; one
    with a request that takes longer than ``REQUEST_S``, too.
+   With TLS its handshake has ``IDLE_S`` as well.
 3. What a client does not read is kept up to about ``SEND_BUFFER_BYTES``, by the kernel and here.
 """
 
@@ -12,6 +13,7 @@ import asyncio
 import contextlib
 import logging
 import socket
+import ssl
 import threading
 from typing import Any, Final
 
@@ -94,6 +96,15 @@ class _BoundedSocket(WebSocketsSansIOProtocol):
             self.loop.call_later(FAREWELL_S, self.transport.abort)
 
 
+class _Loop(asyncio.SelectorEventLoop):
+    """Bounds how long TLS may take to begin (rule 2) and to end."""
+
+    async def create_server(self, *arguments: Any, **options: Any) -> asyncio.Server:
+        if options.get("ssl") is not None:
+            options.update(ssl_handshake_timeout=IDLE_S, ssl_shutdown_timeout=FAREWELL_S)
+        return await super().create_server(*arguments, **options)
+
+
 class _Uvicorn(uvicorn.Server):
     """Wakes for nothing but its clients."""
 
@@ -117,11 +128,15 @@ class _Uvicorn(uvicorn.Server):
 
 
 class HttpListener:
-    """Serves ``application`` at ``address`` (HOST:PORT).  Raises UsageError for a bad one."""
+    """Serves ``application`` at ``address`` (HOST:PORT), with ``tls`` if there is one.
+
+    Raises UsageError for a bad address.
+    """
 
     kind = "http"
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, tls: ssl.SSLContext | None = None) -> None:
+        self._tls = tls
         self.host, self.port = parse_address(address)
         self._socket: socket.socket | None = None
         self._server: _Uvicorn | None = None
@@ -131,7 +146,7 @@ class HttpListener:
     def url(self) -> str:
         """Where it is found; with the real port once it is open."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{self.port}"
+        return f"{'http' if self._tls is None else 'https'}://{host}:{self.port}"
 
     def open(self) -> None:
         """Claim the address.  Raises PortError."""
@@ -158,12 +173,17 @@ class HttpListener:
             loop="asyncio",
             timeout_graceful_shutdown=1,
         )
+        config.load()
+        config.ssl = self._tls
         server = self._server = _Uvicorn(config)
         server.is_running = threading.Event()
         sockets = [self._socket]
-        self._thread = threading.Thread(
-            target=lambda: asyncio.run(server.serve(sockets)), name="axistwin-control", daemon=True
-        )
+
+        def run() -> None:
+            with asyncio.Runner(loop_factory=_Loop) as runner:
+                runner.run(server.serve(sockets))
+
+        self._thread = threading.Thread(target=run, name="axistwin-control", daemon=True)
         self._thread.start()
         assert server.is_running.wait(START_TIMEOUT_S), "the control server did not start"
 

@@ -1,5 +1,7 @@
 """The control server of a rack: where it may listen, and its life."""
 
+import ssl
+
 from axistwin.control.application import make_application
 from axistwin.control.listener import HttpListener
 from axistwin.control.metrics import Counts
@@ -11,13 +13,16 @@ from axistwin.runtime.serving.rack import Rack
 
 
 class ControlServer:
-    """Serves the control API of ``rack`` at ``address`` (HOST:PORT), to who has ``token``.
+    """Serves the control API of ``rack`` at ``address`` (HOST:PORT), to who has ``token``;
+    with ``tls``: over TLS.
 
     Raises UsageError for an address of which others than this machine are asked for no token.
     """
 
-    def __init__(self, rack: Rack, address: str, token: str | None) -> None:
-        self._listener = HttpListener(address)
+    def __init__(
+        self, rack: Rack, address: str, token: str | None, tls: ssl.SSLContext | None = None
+    ) -> None:
+        self._listener = HttpListener(address, tls)
         host = self._listener.host
         if token is None and not is_loopback(host):
             raise UsageError(

@@ -10,7 +10,8 @@ Rules
    out and counted.
 3. A client tells nothing here: what it sends ends it, with the code ``NOT_EXPECTED``.
 4. A client that watches something of a line that is removed is told so, and let go with the code
-   ``LET_GO``.  It may come again, for what there is then.
+   ``LET_GO``.  It may come again, for what there is then.  So is one that watches all devices when
+   a line is added.
 """
 
 import asyncio
@@ -54,7 +55,10 @@ class Watching:
         client: WebSocket,
         devices: Sequence[str],
         lines: Mapping[str, TrafficWords],
+        *,
+        is_of_all: bool = False,
     ) -> None:
+        self._is_of_all = is_of_all
         self._rack, self._live, self._counts = rack, live, counts
         self._client = client
         self._devices = devices
@@ -86,7 +90,7 @@ class Watching:
         elif results[1] is True:
             await self._client.close(NOT_EXPECTED, "nothing is expected here")
         elif results[0] is None:
-            await self._client.close(LET_GO, "a line that is watched was removed; come again")
+            await self._client.close(LET_GO, "the lines have changed; come again")
 
     # -- in the rack's loop --
 
@@ -102,11 +106,13 @@ class Watching:
                 self._loop.call_soon_threadsafe(self._put_traffic, event)
             else:
                 self._loop.call_soon_threadsafe(self._put, as_text(event))
-                if isinstance(event, LineTold) and self._loses(event):
+                if isinstance(event, LineTold) and self._is_stale(event):
                     self._loop.call_soon_threadsafe(self._waiting.put_nowait, None)
 
-    def _loses(self, event: LineTold) -> bool:
-        """Whether something that the client watches was removed."""
+    def _is_stale(self, event: LineTold) -> bool:
+        """Whether something that the client watches was removed, or something came to all."""
+        if event.kind == "line_added":
+            return self._is_of_all
         if event.kind != "line_removed":
             return False
         removed = event.details["devices"]

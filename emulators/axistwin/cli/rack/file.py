@@ -130,6 +130,8 @@ class ControlSection(_Table):
 
     address: Text
     token_file: Text | None = None
+    certificate: Text | None = None
+    key: Text | None = None
 
 
 class RackFile(_Table):

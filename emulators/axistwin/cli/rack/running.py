@@ -1,14 +1,17 @@
 """A rack that runs: its lines are built, served, and follow the file on SIGHUP."""
 
+from __future__ import annotations
+
 import contextlib
 import resource
 import signal
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from axistwin.cli.output import EXIT_USAGE
 from axistwin.cli.rack.file import (
     BusSection,
+    ControlSection,
     LineSection,
     Problems,
     RackFile,
@@ -24,6 +27,9 @@ from axistwin.cli.run.serving import VOLATILE, HostedLines, Run, Shared, make_co
 from axistwin.errors import AxistwinError, PortError, UsageError
 from axistwin.runtime.serving.rack import Rack
 from axistwin.runtime.simulation import Simulation
+
+if TYPE_CHECKING:
+    from axistwin.control.server import ControlServer
 
 
 def check(path: str) -> RackText:
@@ -52,9 +58,7 @@ def perform_rack(path: str, reporter: Reporter) -> int:
             runner.start(content)
             control = None
             if content.control is not None:
-                control = make_control_server(
-                    lines.rack, content.control.address, content.control.token_file
-                )
+                control = _make_control(lines.rack, content.control)
                 beside.callback(control.close)
                 control.open()
             if content.state is None:
@@ -155,7 +159,7 @@ class RackRunner:
         except AxistwinError as error:
             self._report_failure(section, error)
             return
-        self._lines.rack.lines[section.name].begin()
+        self._lines.rack.begin(section.name)
         self._report_ready(section.name)
 
     def _remove(self, name: str) -> None:
@@ -182,6 +186,13 @@ class RackRunner:
                 "error": str(error),
             }
         )
+
+
+def _make_control(rack: Rack, control: ControlSection) -> ControlServer:
+    """What the table asks for, not open yet.  Raises UsageError."""
+    return make_control_server(
+        rack, control.address, control.token_file, control.certificate, control.key
+    )
 
 
 def make_run(section: Section, state: str | None) -> Run[Any]:
@@ -269,7 +280,7 @@ def _problems_of_building(content: RackFile, same: dict[str, Section]) -> Proble
     if content.control is not None:
         with contextlib.closing(Rack()) as rack:
             try:
-                make_control_server(rack, content.control.address, content.control.token_file)
+                _make_control(rack, content.control)
             except UsageError as error:
                 yield ("control",), str(error)
 

@@ -140,6 +140,18 @@ def _named(_: click.Context, option: click.Parameter, value: Any) -> Any:
     help="Token that every request must have (else of AXISTWIN_CONTROL_TOKEN); needed at any "
     "address but the loopback.",
 )
+@click.option(
+    "--control-certificate",
+    callback=_named,
+    metavar="FILE",
+    help="Serve the control API over TLS, with the certificate (and those above it) in FILE, PEM.",
+)
+@click.option(
+    "--control-key",
+    callback=_named,
+    metavar="FILE",
+    help="Private key of the certificate, PEM (default: in the file of the certificate).",
+)
 @click.option("--json", "as_json", is_flag=True, help="Events on stdout, one JSON object per line.")
 def run(devices: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Run twins on a serial line or a CAN bus that any program can open.

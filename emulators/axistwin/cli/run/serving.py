@@ -43,14 +43,23 @@ class Shared:
     capture: str | None
     control: str | None = None
     control_token_file: str | None = None
+    control_certificate: str | None = None
+    control_key: str | None = None
 
     def control_server(self, rack: Rack) -> ControlServer | None:
         """The control server that is asked for.  Raises UsageError."""
         if self.control is None:
-            if self.control_token_file is not None:
-                raise UsageError("--control-token-file goes with --control HOST:PORT")
+            for option, value in (
+                ("--control-token-file", self.control_token_file),
+                ("--control-certificate", self.control_certificate),
+                ("--control-key", self.control_key),
+            ):
+                if value is not None:
+                    raise UsageError(f"{option} goes with --control HOST:PORT")
             return None
-        return make_control_server(rack, self.control, self.control_token_file)
+        return make_control_server(
+            rack, self.control, self.control_token_file, self.control_certificate, self.control_key
+        )
 
     def arguments(self, specs: Sequence[DeviceSpec], *, paced: bool = True) -> dict[str, Any]:
         """For ``build_line`` or ``build_bus`` of the catalog; ``paced``: what may take time does.
@@ -73,9 +82,16 @@ class Shared:
         }
 
 
-def make_control_server(rack: Rack, address: str, token_file: str | None) -> ControlServer:
+def make_control_server(
+    rack: Rack,
+    address: str,
+    token_file: str | None,
+    certificate: str | None = None,
+    key: str | None = None,
+) -> ControlServer:
     """The control server of ``rack`` at ``address``, not open yet.  Raises UsageError."""
     try:
+        from axistwin.control import tls
         from axistwin.control.server import ControlServer
         from axistwin.control.token import find_token
     except ImportError as error:
@@ -83,7 +99,10 @@ def make_control_server(rack: Rack, address: str, token_file: str | None) -> Con
             f"--control: {error.name} is missing; install what it needs: "
             f"pip install {needed(error.name)}"
         ) from None
-    return ControlServer(rack, address, find_token(token_file, os.environ))
+    if key is not None and certificate is None:
+        raise UsageError(f"control key {key}: it goes with a certificate; give that as well")
+    context = None if certificate is None else tls.server_context(certificate, key)
+    return ControlServer(rack, address, find_token(token_file, os.environ), context)
 
 
 class Run(ABC, Generic[SimulationT]):

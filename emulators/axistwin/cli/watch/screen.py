@@ -3,9 +3,10 @@
 Everything comes from the control API: no family is named here.
 """
 
+import contextlib
 import threading
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Final, Protocol
 
 from rich.console import Console, Group, RenderableType
@@ -14,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from axistwin.cli.event_lines import EventLines
+from axistwin.errors import UsageError
 
 REFRESH_HZ: Final = 8
 EVENTS_KEPT: Final = 100
@@ -98,16 +100,29 @@ class _Events:
 
 
 class OverviewScreen:
-    """A row for each of ``devices``, and what they told last."""
+    """A row for each of ``devices``, and what they told last.
 
-    def __init__(self, devices: list[dict[str, Any]]) -> None:
+    find: what the daemon says of a device that came later.
+    """
+
+    def __init__(
+        self, devices: list[dict[str, Any]], find: Callable[[str], dict[str, Any]]
+    ) -> None:
+        self._find = find
         self._devices = {each["name"]: _Watched(each) for each in devices}
         self._events = _Events()
 
     def receive(self, event: dict[str, Any]) -> None:
         """A device, or a line, has news."""
         self._events.receive(event)
-        if event.get("device") in self._devices:
+        name = event.get("device")
+        if event["event"] == "snapshot" and name not in self._devices:
+            with contextlib.suppress(UsageError):  # it has just gone again
+                self._devices[event["device"]] = _Watched(self._find(event["device"]))
+        if event.get("kind") == "line_removed":
+            for gone in event["details"]["devices"]:
+                self._devices.pop(gone, None)
+        if name in self._devices:
             self._devices[event["device"]].receive(event)
 
     def render(self, width: int, height: int) -> RenderableType:

@@ -84,6 +84,15 @@ class Rack:
         server.on_failure = lambda error: self._line_failed(line, error)
         return server
 
+    def begin(self, line: str) -> None:
+        """Serve ``line``, which came while the rack runs and is open; subscribers hear
+        ``line_added``.
+        """
+        self.lines[line].begin()
+        names = [each.name for each in self.on_line(line)]
+        for subscriber in self._subscribers:
+            subscriber(line, {"event": "line_added", "devices": names})
+
     def remove(self, line: str) -> None:
         """Serve ``line`` no more, and forget its devices; subscribers hear ``line_removed``."""
         server = self.lines[line]
