@@ -524,9 +524,9 @@ def test_out_waiting_counts_what_is_not_sent(port: Any) -> None:
 def test_write_timeout_zero_takes_what_fits(port: Any) -> None:
     """The output buffer is as large as a serial driver's."""
     port.write_timeout = 0
-    taken = port.write(bytes(10_000))
-    assert 4096 <= taken < 4300
-    assert port.write(bytes(10_000)) < 300
+    taken = port.write(bytes(1_000_000))
+    assert 4096 <= taken < 1_000_000  # scaled time goes on meanwhile, and bytes leave
+    assert port.out_waiting <= 4096
 
 
 @ON_URLS

@@ -39,8 +39,8 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import AttemptVoid, CannotDo, RigError, TargetError
 from axistwin_conformance.base.events import Listener, Outcome
 from axistwin_conformance.base.ledger import Ledger
-from axistwin_conformance.base.line_quality import LineQuality
-from axistwin_conformance.base.transcript import last_exchange
+from axistwin_conformance.base.line_quality import LineQuality, SilenceLimit
+from axistwin_conformance.base.transcript import Direction, last_exchange
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.base.write_budget import WriteBudget
 from axistwin_conformance.core.family import Violation
@@ -101,6 +101,7 @@ class DeviceGuard:
     ladder: Ladder = field(init=False)
     caused: set[str] = field(default_factory=set)  # reasons of which a violation is the cause
     _seen_violations: set[object] = field(default_factory=set)
+    _silent_from: int | None = None  # where in the transcript a sanity exchange began in vain
     _tried: dict[str, str] = field(default_factory=dict)  # need → why it is of no use
 
     def __post_init__(self) -> None:
@@ -343,19 +344,29 @@ class DeviceGuard:
                 self.block(str(error))
 
     def is_sane(self, run: Run) -> bool:
-        """Whether the device still answers, after the longest deafness it is entitled to."""
+        """Whether the device still answers, after the longest deafness it is entitled to; one that
+        has said nothing since it did not is not listened for again."""
+        if self._silent_from is not None and not self._has_spoken(run, self._silent_from):
+            return False
 
         def look(session: Session) -> bool:
             run.silence_limit.good()  # what was bad before, is not held against this
+            self._silent_from = run.target.transcript.position
             for pause_s in SANITY_PAUSES_S:
                 run.target.wait(pause_s)
                 run.target.drain()
                 if self.options.family.is_alive(session):
                     self.note_retries(session)
+                    self._silent_from = None
                     return True
             return False
 
         return self.climbing(run, "sanity", look, is_blamed=run.target.is_lossless)
+
+    @staticmethod
+    def _has_spoken(run: Run, since: int) -> bool:
+        records = run.target.transcript.since(since)
+        return any(record.direction is Direction.DEVICE for record in records)
 
     def revive(self, run: Run) -> bool:
         """Put a fresh twin in the place of one that crashed; False where there is none (rule 5)."""
@@ -364,6 +375,7 @@ class DeviceGuard:
         crashed = run.target
         crashed.close()
         run.cleanups.clear()
+        self._silent_from = None
         try:
             run.target = self.opener(run.neighbours)
             self._equip(run)
@@ -522,12 +534,13 @@ class DeviceGuard:
         """Judge a device that answers no more where it was, but elsewhere (rule 4)."""
         if run.target.crash:
             return
-        run.silence_limit.good()
+        given_up, run.silence_limit = run.silence_limit, SilenceLimit()
         session = Session(run)
         with contextlib.suppress(TargetError):
             if violation := self.options.family.diagnose(session, b"", b""):
                 self._accuse(session, "sanity", ACTS["sanity"], violation)
                 self.trouble(violation.actual)
+        run.silence_limit = given_up  # where it was, nobody waits for it again
 
     def block(self, reason: str) -> None:
         """Ask nothing more of the device in this run."""

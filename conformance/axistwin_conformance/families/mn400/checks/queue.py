@@ -16,7 +16,7 @@ ORDER = 120  # of this module in a run; see `Family.modules`
 STEPS: Final = 400  # of a move that is looked at while it runs
 MOVE_S: Final = 2
 LOOKS: Final = 12
-MOST_TAKEN: Final = 1024  # commands; where a queue or a contour ends that takes more stays open
+MOST_TAKEN: Final = 1024  # commands; more than any board of 8 KiB can keep
 QUEUE_S: Final = 40  # of a move behind which the queue is filled: about so many at 9600 baud
 PRESENT: Final = ("START", "PRESENT")
 
@@ -108,14 +108,16 @@ def in_motion_what_is_no_setting_of_motion_works_at_once(session: Session) -> No
 
 
 def fill_queue(motion: BoardMotion) -> tuple[int, BoardExchange]:
-    """Behind a move that runs: how many moves the queue takes, and what the next one draws; the
-    check or probe is left out if the move may end before that."""
+    """Behind a move that runs: how many moves the queue takes, `MOST_TAKEN` at most, and what the
+    last request draws; the check or probe is left out if the move may end before that."""
     taken, until_s = 0, motion.ends[0] - 1
     while (exchange := motion.driver.ask(f"M,{1 - 2 * (taken % 2)}")).codes == DONE:
         taken += 1
-        if taken == MOST_TAKEN or motion.now[1] > until_s:
+        if taken == MOST_TAKEN:
+            break
+        if motion.now[1] > until_s:
             motion.driver.ask("Q")
-            motion.session.skip(f"{taken} commands are queued, and no end of it")
+            motion.session.skip(f"the move is too short for a queue of more than {taken} commands")
     return taken, exchange
 
 
@@ -127,6 +129,8 @@ def a_full_queue_is_told(session: Session) -> None:
     driver = motion.driver
     motion.do(f"M{steps}", "MN4-STM-03")
     taken, exchange = fill_queue(motion)
+    if taken == MOST_TAKEN:
+        session.no_reading("MN4-STM-03", "queue_depth", ["32"], f"{taken} commands taken")
     codes = driver.errors("SLAVEBUFFOV")
     driver.judge(exchange, codes, "MN4-STM-03")
     driver.follows("queue_depth", str(taken), "MN4-STM-03")
