@@ -6,6 +6,7 @@ import pty
 import subprocess
 import sys
 import termios
+import threading
 import time
 import tty
 from collections.abc import Iterator
@@ -172,8 +173,10 @@ def test_a_port_left_cooked_is_raw_for_the_next_client(bench: Bench) -> None:
         settings = termios.tcgetattr(fd)
         settings[3] |= termios.ICANON | termios.ECHO | termios.ISIG
         termios.tcsetattr(fd, termios.TCSANOW, settings)
-    assert eventually(lambda: bench.names()[-1:] != ["connected"])
-    time.sleep(0.05)
+    assert eventually(lambda: bench.names() == ["connected", "disconnected"])
+    is_left = threading.Event()
+    bench.rack.loop.call_soon(is_left.set)  # behind what it does when a client leaves
+    assert is_left.wait(TIMEOUT_S)
     with opened(bench.link) as fd:
         assert not termios.tcgetattr(fd)[tty.LFLAG] & (termios.ICANON | termios.ECHO)
         os.write(fd, b"\x03\r")
@@ -192,7 +195,8 @@ def test_a_client_that_floods_is_not_read_beyond_the_backlog(bench: Bench) -> No
             with contextlib.suppress(BlockingIOError):
                 sent += os.write(fd, flood[sent : sent + 1024])
         assert sent < len(flood)
-        assert 0 < bench.line.host_backlog <= 4096
+        assert eventually(lambda: bench.line.host_backlog > 0)
+        assert bench.line.host_backlog <= 4096
         bench.line.unblock()
         assert eventually(lambda: len(bench.line.heard) == sent)
         assert bytes(bench.line.heard) == flood[:sent]
@@ -325,6 +329,7 @@ def test_the_rest_of_a_client_that_closes_is_not_left_to_the_next(bench: Bench) 
     kept = bench.line.host_backlog
     assert 0 < kept <= 4096
     bench.line.unblock()
+    assert eventually(lambda: len(bench.line.heard) >= kept)
     time.sleep(0.1)
     assert bench.names() == ["connected", "disconnected"]
     assert len(bench.line.heard) == kept
