@@ -215,7 +215,9 @@ def test_an_interface_that_takes_nothing_loses_the_newest(interface: Interface) 
         assert eventually(lambda: "overrun" in served.names())
         (port,) = served.server.ports
         assert isinstance(port, JoinPort)
-        assert eventually(lambda: bool(port._member) and port._member._dropped == 100)
+        member = port._member
+        assert member is not None
+        assert eventually(lambda: member._dropped == 100)
         began_s, sends = time.monotonic(), interface.sends
         time.sleep(0.3)
         assert interface.sends - sends < 70 * (time.monotonic() - began_s)
