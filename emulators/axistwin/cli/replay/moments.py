@@ -67,7 +67,8 @@ class Moment:
 
     def note(self, shift_ns: Nanos, told: Words) -> None:
         """What was ``told`` to the message that was sent ``shift_ns`` later than recorded."""
-        if told.frame == self.wanted.frame and len(told.numbers) == len(self.wanted.numbers):
+        is_alike = told.frame == self.wanted.frame and told.numbers != self.wanted.numbers
+        if is_alike and len(told.numbers) == len(self.wanted.numbers):
             self._samples.append(_Sample(shift_ns, told.numbers))
 
     def go_on(self) -> bool:
