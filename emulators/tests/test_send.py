@@ -193,6 +193,7 @@ def test_the_address_is_the_urls_or_given() -> None:
         (("/dev/null", "20h"), "of an slcan adapter, write slcan:/dev/null"),
         (("/dev/null", "20h", "--model", "mac23"), "/dev/null: "),
         (("/dev/ttyX9", "20h"), "/dev/ttyX9 does not exist; is the adapter plugged in?"),
+        (("x" * 300, "20h"), "does not exist; start a twin there"),
         (("./nothere", "20h"), "start a twin there: axistwin run MODEL --pty ./nothere"),
         ((VIRTUAL, "gu to 5"), "did you mean"),
         ((VIRTUAL, "go to 5", "--model", "msc-250"), "is no command"),

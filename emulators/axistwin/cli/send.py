@@ -7,7 +7,6 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -131,7 +130,7 @@ def find_device(port: str, name: str | None) -> tuple[Model, str]:
 
     Raises UsageError.
     """
-    if "://" not in port and not _is_on_can(port) and not Path(port).exists():
+    if "://" not in port and not _is_on_can(port) and not os.access(port, os.F_OK):
         remedy = f"start a twin there: axistwin run MODEL --pty {port}"
         if port.startswith("/dev/"):
             remedy = "is the adapter plugged in? 'axistwin doctor' lists the serial ports"
