@@ -200,6 +200,10 @@ def test_the_address_is_the_urls_or_given() -> None:
         (("axistwin://msc-250?time=virtual", "DWRITE 5"), "DWRITE has 2 numbers, not 1"),
         (("axistwin://msc-250?time=virtual", "DREAD here"), "here is no number"),
         (("axistwin:mac23-can:1?time=virtual", "new address 5"), "on a serial line"),
+        ((VIRTUAL, "20h", "--baud", "-1"), "-1 is not in the range"),
+        ((VIRTUAL, "20h", "--baud", "9" * 30), "is not in the range"),
+        ((VIRTUAL, f"wait {'9' * 30} s"), "a pause has at most 86400 s"),
+        ((VIRTUAL, f"wait {'9' * 400} s"), "a pause has at most 86400 s"),
         ((VIRTUAL,), "Missing argument"),
     ],
 )
