@@ -14,15 +14,14 @@ Rules
 import contextlib
 import errno
 import glob
+import hashlib
 import os
-from _socket import AF_UNIX, SOCK_DGRAM, SocketType  # all of socket is a tenth of a start
+import socket
 from pathlib import Path
 
 from axistwin.errors import PortError
 
 _PTY_FOLDER = "/dev/pts/"
-
-_NAME_BYTES = 107  # that an address in the abstract space has room for, behind its zero
 
 # The kernel's device numbers of Unix98 ptys, client's side.
 _PTY_MAJORS = range(136, 144)
@@ -37,7 +36,7 @@ class Link:
     def __init__(self, path: str, option: str = "--pty") -> None:
         self.path = Path(path)
         self._option = option
-        self._lock: SocketType | None = None
+        self._lock: socket.socket | None = None
         self._target: str | None = None
 
     def claim(self) -> None:
@@ -48,9 +47,11 @@ class Link:
         if not folder.is_dir():
             raise PortError(f"pty link {self.path}: there is no folder {folder}; create it first")
         place = folder.resolve() / self.path.name
-        lock = SocketType(AF_UNIX, SOCK_DGRAM)
+        lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            lock.bind(b"\0" + _lock_name(place))
+            # A digest, because such a name has room for 107 bytes only.
+            digest = hashlib.sha256(os.fsencode(place)).hexdigest()
+            lock.bind(f"\0axistwin-link:{digest}")
         except OSError as error:
             lock.close()
             if error.errno != errno.EADDRINUSE:
@@ -116,13 +117,3 @@ class Link:
         if self._lock is not None:
             self._lock.close()
             self._lock = None
-
-
-def _lock_name(place: Path) -> bytes:
-    """The path, or a digest of one that is too long."""
-    prefix, name = b"axistwin-link:", os.fsencode(place)
-    if len(prefix + name) > _NAME_BYTES:
-        import hashlib  # slow to load
-
-        name = hashlib.sha256(name).hexdigest().encode()
-    return prefix + name
