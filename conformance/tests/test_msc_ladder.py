@@ -95,6 +95,11 @@ WRONG: dict[str, tuple[Turn, str]] = {
     "another name": (
         lambda raw: body_of(raw, lambda body: b"X" + body[1:]), "MSC-CMD-04",
     ),
+    "name with a letter twice": (lambda raw: raw[:8] + raw[7:], "MSC-CMD-04"),
+    "name without a letter": (lambda raw: raw[:7] + raw[8:], "MSC-CMD-04"),
+    "a letter of the name in lower case": (
+        lambda raw: raw[:7] + raw[7:8].lower() + raw[8:], "MSC-CMD-04",
+    ),
     "cut short": (lambda raw: raw[:5], "MSC-PKT-01"),
     "no packet": (lambda raw: b"", "MSC-CMD-05"),
 }  # fmt: skip
