@@ -302,7 +302,6 @@ def test_a_twin_that_turns_on_the_spot_while_it_is_looked_at_is_no_device(
     assert tally.crash == "never comes to an end"
 
 
-@pytest.mark.strength
 @pytest.mark.parametrize(
     "inner",
     [
@@ -321,6 +320,7 @@ def test_a_twin_that_gets_no_further_is_no_device(inner: SimpleNamespace) -> Non
     assert told == ("no device", "never comes to an end")
 
 
+@pytest.mark.strength
 def test_a_limit_goes_on_behind_the_limits_within_it() -> None:
     """A run of many chunks that are each short enough is ended all the same."""
 
