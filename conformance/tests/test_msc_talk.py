@@ -10,6 +10,7 @@ from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
 from axistwin_conformance.families.msc.driver import ACKED, MscDriver
+from axistwin_conformance.families.msc.snapshot import sanity
 
 
 def driver_on(port: TwinPort) -> MscDriver:
@@ -88,6 +89,17 @@ def test_the_late_nak_of_a_packet_cut_short_is_settled_away() -> None:
     driver.client.send(driver.client.request(codec.RQSTAT)[:9])
     assert driver.client.wait_until_quiet() == NAK
     assert driver.status() == 65
+
+
+def test_between_checks_a_unit_is_asked_last_what_it_answers_wrongly() -> None:
+    """The status is asked ten times in vain once, and not after every check."""
+    port = TwinPort()
+    session = session_on(port, target=target_of(port, is_lossless=False))
+    port.spoil = lambda data: b"" if b"RQSTAT" in data else data
+    assert sanity(session)
+    asked = len(port.received)
+    assert sanity(session)
+    assert port.received[asked:] == codec.packet(1, codec.rflag(0)) + ACK
 
 
 class Saying(TwinPort):
