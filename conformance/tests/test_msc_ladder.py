@@ -196,6 +196,20 @@ def test_a_line_of_seven_bits_is_a_failure(is_lossless: bool) -> None:
     assert failed(result)
 
 
+@pytest.mark.parametrize("after", range(1, 12, 3))
+def test_a_unit_that_departs_from_some_reply_on_is_judged(after: int) -> None:
+    """Whatever the engine is about to learn then: who it is, how long an exchange takes."""
+    signs: list[bytes] = []
+
+    def later(data: bytes) -> bytes:
+        signs.extend([data] * (data == ACK))
+        return data * 2 if len(signs) > after else data
+
+    result = judged(later, is_lossless=False)
+    assert result.exit_status == 1, result.sentence
+    assert "MSC-LNK-04" in failed(result)
+
+
 @pytest.mark.parametrize("says", [b"ERROR 7\r\n", b"\x06\x13\x17", b"\x99" * 30, NAK])
 def test_another_protocol_is_none_of_a_failing_unit(says: bytes) -> None:
     """Exit 3, as for silence: nothing of it is this protocol's."""
