@@ -139,7 +139,7 @@ def _renamed(name: str, data: bytes) -> tuple[tuple[ReplyDeparture, ...], bytes]
     came = data[HEADER_BYTES:].partition(COMMA)[0]
     right = data.replace(came + COMMA, name.encode() + COMMA) if came else data
     length = int.from_bytes(data[2:4], "big")
-    if came == name.encode() or not codec.is_whole(right[: codec.AROUND_BODY + length]):
+    if right == data or not codec.is_whole(right[: codec.AROUND_BODY + length]):
         return (), data
     actual = came.decode("latin-1")
     return (ReplyDeparture("MSC-CMD-04", "name in place", name, actual),), right
