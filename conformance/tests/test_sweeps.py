@@ -302,6 +302,24 @@ def test_a_twin_that_turns_on_the_spot_while_it_is_looked_at_is_no_device(
     assert tally.crash == "never comes to an end"
 
 
+@pytest.mark.parametrize(
+    "inner",
+    [
+        SimpleNamespace(wake=lambda now: [], next_event=lambda: 5),
+        SimpleNamespace(quiet_prefix=lambda data: -1),
+    ],
+    ids=["wants to be woken again at once", "hears fewer bytes than none"],
+)
+def test_a_twin_that_gets_no_further_is_no_device(inner: SimpleNamespace) -> None:
+    """The line would wait for it for ever, or call it a mistake of its own."""
+    tally = Tally(said=1, hits=1)
+    device = wrong_device.WrongDevice(inner, Fault("none", ""), FORMATS["msc-250"], tally)
+    with pytest.raises(RuntimeError, match="never comes to an end"):
+        device.wake(5) if hasattr(inner, "wake") else device.quiet_prefix(b"0")
+    told = FaultSweep._outcome({"hang": "100 s of processor time"}, tally)
+    assert told == ("no device", "never comes to an end")
+
+
 @pytest.mark.strength
 def test_a_limit_goes_on_behind_the_limits_within_it() -> None:
     """A run of many chunks that are each short enough is ended all the same."""

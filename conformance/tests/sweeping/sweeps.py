@@ -176,7 +176,7 @@ class FaultSweep(Sweep):
     def _outcome(row: Row, tally: Tally) -> tuple[str, str]:
         words = (row.get("sentence", ""), *row.get("evidence", ()))
         crash = tally.crash or next((one for one in words if CRASHED in one), "")
-        if crash or (row["errors"] and not tally.said):  # it may fall over while it is made
+        if crash or (row.get("errors") and not tally.said):  # it may fall over while it is made
             return "no device", crash or row["errors"][0]
         if row["hang"]:
             return "hang", row["hang"]
