@@ -231,6 +231,20 @@ def test_why_a_reading_is_not_told_is_in_the_row() -> None:
     assert outcome == ("unread", "power_on_at_boot: nothing on the line tells")
 
 
+def test_the_table_counts_each_pair_of_readings_once() -> None:
+    """And only those of devices that were judged as they are."""
+    sweep = QuirkSweep(Setting("mac23", "virtual", "quick", 300), seed=1)
+    rows = [
+        {"outcome": outcome, "readings": dict(word.split("=") for word in words.split())}
+        for outcome, words in (
+            ("sound", "a=1 b=1 c=1"), ("unread", "b=1 a=1"), ("sound", "a=1 b=2"),
+            ("failed", "a=9 b=9"), ("sound", ""),
+        )
+    ]  # fmt: skip
+    told = "rightly judged: 4 readings, 4 pairs of readings, 3 pairs of switches"
+    assert told in sweep.table(rows)
+
+
 def test_no_device_without_torque_has_inertia() -> None:
     """Each by itself is drawn, and any other torque beside inertia."""
     inert, powerless = {"plant": "inertial"}, {"factory_torque": "0"}
