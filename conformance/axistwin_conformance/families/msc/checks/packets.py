@@ -251,9 +251,8 @@ def on_rs232_other_unit_numbers_are_not_its_own(session: Session) -> None:
 def _to_other(driver: MscDriver, unit: int) -> str | MscExchange:
     """What RQSTAT to another number shows: a reading of MSC-AMB-12, or what explains none."""
     raw = codec.packet(unit, RQSTAT)
-    exchange = driver.client.ask(
-        raw, is_read=True, timeout_s=len(raw) * driver.link.byte_ns / 1e9 + 0.1
-    )
+    sign_s = (len(raw) * driver.link.byte_ns + driver.link.latency_ns) / 1e9
+    exchange = driver.client.ask(raw, is_read=True, timeout_s=sign_s + 0.1)
     extra = driver.client.listen(driver.link.glance_s)
     reply = exchange.reply
     if extra:
