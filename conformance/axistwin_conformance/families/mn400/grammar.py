@@ -19,6 +19,8 @@ from fractions import Fraction
 from math import isqrt
 from typing import Final
 
+from axistwin_conformance.families.mn400 import codec
+
 NARROW: Final = 32_767  # %, either way (MN4-PAR-04)
 WIDE: Final = 2_147_483_647  # &, unless the board has another bound (MN4-AMB-48)
 LEAST_RATE: Final = 2  # steps/s (MN4-MOT-02)
@@ -221,7 +223,7 @@ def _values(body: str) -> tuple[int | None, ...] | Refusal:
         if part and PARAMETER.fullmatch(part) is None:
             name = "MN4-PAR-03" if set(part) <= set("-0123456789") else "MN4-PAR-02"
             return Refusal(f"{part!r} is no decimal integer", name)
-        values.append(int(part) if part else None)
+        values.append(codec.number_in(part) if part else None)
     return tuple(values)
 
 
@@ -274,10 +276,11 @@ def _bounds(rule: CommandRule, parameter: ParameterRule, reading: ReadingOf) -> 
     if rule.letter == "G" and (widths := reading("g_widths")) != "16x5":
         return low, WIDE if widths == "32x5" or parameter.name == "per_inch" else high
     if parameter.is_wide:
-        low = int(reading("long_min")) if parameter.low == -WIDE else low
-        high = int(reading("long_max")) if parameter.high == WIDE else high
-    if reading("speed_range_policy") == "clip" and rule.letter in "VFY":
-        return (1 if parameter.name == "acceleration" else -WIDE), WIDE
+        widest = int(reading("long_min")), int(reading("long_max"))
+        low = widest[0] if parameter.low == -WIDE else low
+        high = widest[1] if parameter.high == WIDE else high
+        if reading("speed_range_policy") == "clip" and rule.letter in "VFY":
+            return (1 if parameter.name == "acceleration" else widest[0]), widest[1]
     if rule.letter == "E" and reading("measure_other") == "plain":
         return -NARROW, NARROW
     return low, high
