@@ -231,6 +231,21 @@ def test_why_a_reading_is_not_told_is_in_the_row() -> None:
     assert outcome == ("unread", "power_on_at_boot: nothing on the line tells")
 
 
+def test_no_module_refuses_the_torque_that_it_has() -> None:
+    """Its own, or the highest one: a host could not put that back."""
+    assert not go_together({"torque_range": "exclusive", "factory_torque": "128"})
+    assert not go_together({"torque_range": "exclusive", "imax_value": "96"})
+    assert go_together({"torque_range": "exclusive", "factory_torque": "127"})
+    assert go_together({"factory_torque": "255"})
+
+
+def test_a_data_area_ends_with_a_whole_variable() -> None:
+    """An odd address is no variable's."""
+    sizes = [one["data_size"] for one in singles("msc-250", "7") if "data_size" in one]
+    assert sizes
+    assert all(int(size) % 2 == 0 for size in sizes)
+
+
 def test_the_table_counts_each_pair_of_readings_once() -> None:
     """And only those of devices that were judged as they are."""
     sweep = QuirkSweep(Setting("mac23", "virtual", "quick", 300), seed=1)

@@ -34,6 +34,7 @@ SOUND: Mapping[str, tuple[int, int]] = {
     "cc_capacity": (5, 1000),  # the segments of the manual's example
     "jog_hold_ms": (50, 2000),
 }
+STEPS: Mapping[str, int] = {"data_size": 2}  # an area that ends within a variable holds no use
 # Switches that a device of that model cannot have at another value: MACS-CMD-1C-01, MACC-CMD-0C-01.
 FIXED: Mapping[str, frozenset[str]] = {
     "mac23": frozenset({"factory_tolerance"}),
@@ -73,7 +74,17 @@ def go_together(readings: Mapping[str, str]) -> bool:
     low, place, high = (
         int(readings.get(name, default)) for name, default in zip(COUNTERS, FURTHEST, strict=True)
     )
-    return low <= place <= high and not any(readings.items() >= unsound for unsound in UNSOUND)
+    is_loadable = low <= place <= high
+    is_unsound = any(readings.items() >= unsound for unsound in UNSOUND)
+    return is_loadable and not is_unsound and _takes_its_own_torque(readings)
+
+
+def _takes_its_own_torque(readings: Mapping[str, str]) -> bool:
+    """False if a module refuses the torque that it has from the factory, its own highest one: no
+    host puts that back."""
+    imax = int(readings.get("imax_value", "128"))
+    torque = int(readings.get("factory_torque", "96"))
+    return readings.get("torque_range") != "exclusive" or torque < imax
 
 
 def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
@@ -85,8 +96,9 @@ def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
         assert isinstance(default, int)
         low, high = SOUND.get(quirk.name, (quirk.low, quirk.high))
         between = [low + int((high - low) ** draw.random()) for _ in range(3)]
-        near = [one for one in (default - 1, default + 1) if low <= one <= high]
-        found = {low, high, *near, *between} - {default}
+        step = STEPS.get(quirk.name, 1)
+        near = [one for one in (default - step, default + step) if low <= one <= high]
+        found = {one - one % step for one in (low, high, *near, *between)} - {default}
         return tuple(str(one) for one in sorted(found))
     if quirk.kind == "text":
         return ()
