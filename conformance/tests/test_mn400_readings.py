@@ -29,6 +29,9 @@ SOUND: list[tuple[str, dict[str, str]]] = [
     ("a_helix_that_cannot_be_is_refused", {"omitted_param": "error"}),
     ("a_helix_that_cannot_be_is_refused", {"omitted_param": "zero", "plane_base": "0"}),
     ("axes_are_those_of_power_on", {"plane_base": "0"}),
+    ("at_rest_every_command_is_served", {"cc_unsupported": "executed"}),
+    ("a_full_queue_is_told", {"quit_flushes_queue": "false"}),
+    ("quit_stops_and_forgets", {"quit_flushes_queue": "false", "queue_depth": "2"}),
     (
         "settings_are_served_and_refused_at_their_edges",
         {"speed_range_policy": "clip", "long_max": "2147000000", "long_min": "-2147000000"},
@@ -96,6 +99,20 @@ def test_a_number_that_is_too_large_to_be_measured_stays_open(switch: str, value
         probe.look(session_of(twin({switch: value}), probe.check))
     for name in ("a_full_queue_is_told", "a_contour_has_room_for_256_segments"):
         assert failures(CHECKS[name], twin({switch: value})) == {}
+
+
+@pytest.mark.parametrize(
+    ("trailer", "null", "left"),
+    [("05", "true", ("empty_line",)), ("05", "false", ("done", "empty_line")),
+     ("0500", "true", ("done", "empty_line")), ("06", "true", ("empty_line",))],
+)  # fmt: skip
+def test_a_line_without_text_may_look_like_a_done(
+    trailer: str, null: str, left: tuple[str, ...]
+) -> None:
+    """A trailer of the same bytes hides it; one of others does not."""
+    known = {"data_packet_trailer": trailer, "outcome_null": null}
+    board, probe = twin(known | {"readprogram_end": "empty_line"}), PROBES["readprogram_end"]
+    assert probe.look(session_of(board, probe.check, readings=known)).readings == left
 
 
 def test_motors_are_numbered_where_no_parameter_may_be_omitted() -> None:

@@ -239,6 +239,13 @@ def test_no_module_refuses_the_torque_that_it_has() -> None:
     assert go_together({"factory_torque": "255"})
 
 
+def test_hold_that_never_goes_off_is_not_drawn() -> None:
+    """Without a parameter of H, another reading must end it."""
+    assert not go_together({"hold_takes_arg": "false"})
+    assert go_together({"hold_takes_arg": "false", "hold_bare_arg": "toggle"})
+    assert {"hold_takes_arg": "false"} not in singles("mn400", "7")
+
+
 def test_a_data_area_ends_with_a_whole_variable() -> None:
     """An odd address is no variable's."""
     sizes = [one["data_size"] for one in singles("msc-250", "7") if "data_size" in one]

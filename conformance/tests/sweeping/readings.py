@@ -51,6 +51,9 @@ DROWNING: Final = frozenset({("other_unit_framing", "hunt_stx"), ("invalid_unit"
 # A motor without any torque moves no shaft that has inertia: nothing of a motion can be judged
 # (MACS-CMD-0C-01: torque = maximum·dd/Imax; MACS-CMD-0F-03).
 POWERLESS: Final = frozenset({("plant", "inertial"), ("factory_torque", "0")})
+# Where H has no parameter, hold once on goes off by one of these or never (MN4-CMD-H-02).
+HELD: Final = frozenset({("hold_takes_arg", "false")})
+LET_GO: Final = (("hold_bare_arg", "toggle"), ("hold_after_release", "one_shot"))
 UNSOUND: Final = (DROWNING, POWERLESS)  # readings of which no device has all
 # Counters that a board shows at power-up and that L does not load are never put back.
 COUNTERS: Final = ("long_min", "power_on_position", "long_max")
@@ -75,6 +78,8 @@ def go_together(readings: Mapping[str, str]) -> bool:
         int(readings.get(name, default)) for name, default in zip(COUNTERS, FURTHEST, strict=True)
     )
     is_loadable = low <= place <= high
+    if readings.items() >= HELD and not any(one in readings.items() for one in LET_GO):
+        return False
     is_unsound = any(readings.items() >= unsound for unsound in UNSOUND)
     return is_loadable and not is_unsound and _takes_its_own_torque(readings)
 
@@ -115,7 +120,8 @@ def singles(model: str, seed: str) -> list[dict[str, str]]:
     """Every switch at each of its other values."""
     draw = random.Random(seed)
     quirks = open_to(model)
-    return [{name: one} for name, quirk in quirks.items() for one in values_of(quirk, draw)]
+    known = ({name: one} for name, quirk in quirks.items() for one in values_of(quirk, draw))
+    return [one for one in known if go_together(one)]
 
 
 def drawn(model: str, seed: str) -> Iterator[dict[str, str]]:
