@@ -137,6 +137,12 @@ def test_three_readings_at_once_conform_with_those_three_named() -> None:
             "response_delay_ms=0 transport=rs485",
             "a_sign_that_comes_while_it_talks_counts_when_it_ends",
         ),
+        (
+            "response_delay_ms=444 noise_in_idle=nak",
+            "bytes_that_start_no_packet_are_ignored",
+        ),
+        ("response_delay_ms=444 noise_in_idle=nak", "bytes_without_02h_draw_nothing"),
+        ("response_delay_ms=444 noise_in_idle=nak", "after_any_junk_it_serves_again"),
         ("ack_timeout_ms=100 write_reply=empty_packet", "a_write_draws_the_ack_and_nothing_else"),
         (
             "ack_timeout_ms=110 reply_delay_ms=132 rx_while_busy=drop",

@@ -463,8 +463,6 @@ def bytes_that_start_no_packet_are_ignored(session: Session) -> None:
     right behind them is served once."""
     driver = MscDriver(session)
     for noise in NOISE:
-        session.target.drain()
-        session.target.send(noise)
         judge_noise(driver, noise, "MSC-PKT-20")
     if session.reading("noise_in_idle") == "ignore":
         for noise in NOISE:  # without a pause between
@@ -476,8 +474,8 @@ def bytes_that_start_no_packet_are_ignored(session: Session) -> None:
 
 
 def judge_noise(driver: MscDriver, noise: bytes, names: str) -> None:
-    """Judge what comes to bytes without 02h that were sent to an idle unit (MSC-AMB-30)."""
-    received = driver.client.listen(len(noise) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+    """Send bytes without 02h to an idle unit, and judge what comes (MSC-AMB-30)."""
+    received = driver.link.drawn_by(noise)
     # Several units that refuse at once garble each other.
     is_refused = bool(received) and (not received.strip(NAK) or bool(driver.session.neighbours))
     if received and not is_refused:
