@@ -143,6 +143,10 @@ def test_three_readings_at_once_conform_with_those_three_named() -> None:
         ),
         ("response_delay_ms=444 noise_in_idle=nak", "bytes_without_02h_draw_nothing"),
         ("response_delay_ms=444 noise_in_idle=nak", "after_any_junk_it_serves_again"),
+        (
+            "packet_timeout_ms=266 uart_error=drop_byte",
+            "a_character_without_its_stop_bit_spoils_its_packet",
+        ),
         ("ack_timeout_ms=100 write_reply=empty_packet", "a_write_draws_the_ack_and_nothing_else"),
         (
             "ack_timeout_ms=110 reply_delay_ms=132 rx_while_busy=drop",
