@@ -246,6 +246,12 @@ def test_hold_that_never_goes_off_is_not_drawn() -> None:
     assert {"hold_takes_arg": "false"} not in singles("mn400", "7")
 
 
+def test_what_is_of_rs232_alone_is_not_drawn_on_rs485() -> None:
+    """Nothing on the wire could tell it."""
+    assert not go_together({"transport": "rs485", "rs232_unit_check": "nak"})
+    assert go_together({"transport": "rs232", "rs232_unit_check": "nak"})
+
+
 def test_a_data_area_ends_with_a_whole_variable() -> None:
     """An odd address is no variable's."""
     sizes = [one["data_size"] for one in singles("msc-250", "7") if "data_size" in one]

@@ -54,7 +54,11 @@ POWERLESS: Final = frozenset({("plant", "inertial"), ("factory_torque", "0")})
 # Where H has no parameter, hold once on goes off by one of these or never (MN4-CMD-H-02).
 HELD: Final = frozenset({("hold_takes_arg", "false")})
 LET_GO: Final = (("hold_bare_arg", "toggle"), ("hold_after_release", "one_shot"))
-UNSOUND: Final = (DROWNING, POWERLESS)  # readings of which no device has all
+# What a unit does with other numbers on RS-232 it never shows on RS-485 (MSC-AMB-12).
+UNSEEN: Final = tuple(
+    frozenset({("transport", "rs485"), ("rs232_unit_check", one)}) for one in ("ignore", "nak")
+)
+UNSOUND: Final = (DROWNING, POWERLESS, *UNSEEN)  # readings of which no device has all
 # Counters that a board shows at power-up and that L does not load are never put back.
 COUNTERS: Final = ("long_min", "power_on_position", "long_max")
 FURTHEST: Final = ("-2147483647", "0", "2147483647")  # the defaults of these
