@@ -36,6 +36,10 @@ SOUND: list[tuple[str, dict[str, str]]] = [
         "settings_are_served_and_refused_at_their_edges",
         {"speed_range_policy": "clip", "long_max": "2147000000", "long_min": "-2147000000"},
     ),
+    (
+        "settings_are_served_and_refused_at_their_edges",
+        {"speed_range_policy": "clip", "negative_v": "minus_one_only"},
+    ),
     ("in_a_configuration_every_command_is_a_line", {"prog_check": "run"}),
     *(
         (name, {"queue_depth": depth})

@@ -298,7 +298,7 @@ def _together(command: ParsedCommand, reading: ReadingOf) -> Refusal | None:
     if letter == "P":
         return _plane(command, reading)
     is_clipped = reading("speed_range_policy") == "clip"
-    if letter == "V" and not is_clipped:
+    if letter == "V":
         return _speed(command.value(0), reading)
     if letter == "F" and not is_clipped and None not in values[:2]:
         start, end = command.value(0), command.value(1)
@@ -318,7 +318,7 @@ def _plane(command: ParsedCommand, reading: ReadingOf) -> Refusal | None:
 def _speed(speed: int, reading: ReadingOf) -> Refusal | None:
     """Why a speed that V's width holds is none: 0 and 1, and negative ones but -1 where only that
     one means external sync (MN4-AMB-23)."""
-    if 0 <= speed < LEAST_RATE:
+    if 0 <= speed < LEAST_RATE and reading("speed_range_policy") != "clip":
         return Refusal(f"a speed is {LEAST_RATE} or more", "MN4-CMD-V-04")
     if speed < -1 and reading("negative_v") == "minus_one_only":
         return Refusal("of negative speeds there is -1", "MN4-CMD-V-02")
