@@ -233,6 +233,8 @@ def test_detection_does_no_more_than_the_checks_asked_for() -> None:
         ('model = "mac23"\n[quirks]\nxon_bite = 1\n', "did you mean xon_byte?"),
         ('model = "mac23"\n[quirks]\nxon_byte = "12h"\n', "write 1Ah or 11h"),
         ("[quirks\n", "is not TOML"),
+        ("a = " + "9" * 5000, "is not TOML"),
+        ("a = " + "[" * 3000 + "]" * 3000, "is not TOML: nested too deep"),
         ('model = "mac23"\nquirks = 3\n', "a table of name = value"),
     ],
 )
