@@ -30,6 +30,7 @@ SOUND: list[tuple[str, dict[str, str]]] = [
     ("a_helix_that_cannot_be_is_refused", {"omitted_param": "zero", "plane_base": "0"}),
     ("axes_are_those_of_power_on", {"plane_base": "0"}),
     ("at_rest_every_command_is_served", {"cc_unsupported": "executed"}),
+    ("while_a_contour_is_entered_little_is_served", {"cc_unsupported": "executed"}),
     ("a_full_queue_is_told", {"quit_flushes_queue": "false"}),
     ("quit_stops_and_forgets", {"quit_flushes_queue": "false", "queue_depth": "2"}),
     (
