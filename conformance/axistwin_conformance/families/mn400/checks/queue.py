@@ -141,6 +141,13 @@ def fill_queue(motion: BoardMotion) -> tuple[int, BoardExchange]:
     return taken, exchange
 
 
+def empty_queue(motion: BoardMotion, taken: int) -> None:
+    """Behind a Q: end so many moves one by one where Q ends but the one that runs (MN4-AMB-62)."""
+    if motion.driver.reading("quit_flushes_queue") == "false":
+        for _ in range(taken):
+            motion.driver.ask("Q")
+
+
 @check("MN4-STM-03", safety=MOTION)
 def a_full_queue_is_told(session: Session) -> None:
     """Behind a move as many commands are taken as the queue holds; the next draws START and
@@ -156,6 +163,7 @@ def a_full_queue_is_told(session: Session) -> None:
     driver.judge(exchange, codes, "MN4-STM-03")
     driver.follows("queue_depth", str(taken), "MN4-STM-03")
     driver.draws("Q", DONE, "MN4-STM-03")
+    empty_queue(motion, taken)
     motion.stays("MN4-STM-03")
 
 

@@ -175,7 +175,8 @@ def queue_depth(driver: BoardDriver) -> Outcome:
     motion, steps = slow_board(driver.session, QUEUE_S)
     motion.set(f"M{steps}")
     taken, exchange = fill_queue(motion)
-    driver.ask("Q")
+    for _ in range(taken + 1):  # whether the first one flushes the queue is asked later
+        driver.ask("Q")
     if taken == MOST_TAKEN:
         driver.session.skip(NO_END.format(taken=taken))
     return Measured(str(taken)) if "SLAVEBUFFOV" in exchange.codes else str(exchange)
