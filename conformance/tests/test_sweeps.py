@@ -54,7 +54,7 @@ UNKNOWN = [
 ONCE_ESCAPED = [
     ("full", Fault("reply", "longer", ("1E",), amount=1)),
     ("full", Fault("reply", "longer", ("23",), amount=1)),
-    ("full", Fault("effect", "late", ("09",), When(every=20), amount=30_000_000)),
+    ("full", Fault("effect", "late", ("09",), When(every=7), amount=30_000_000)),
     ("quick", Fault("state", "lost", FORMATS["mac23"].commands, When(first=50, every=40))),
 ]
 TICKS = 6148  # a variable of the bench program, one more in every scan
