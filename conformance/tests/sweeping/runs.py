@@ -24,7 +24,7 @@ INTERFACES = {one.name: one for one in ALL}
 VIRTUAL = "virtual"  # no interface: the built-in twin, in a time that the suite knows
 NEIGHBOURS = {"mac23": (1,), "mac23-can": (2,)}
 TRAVEL = 20_000
-# On a bench with exchanges as long as those of a plain line: twice the most that a full run may take.
+# On a bench, with exchanges as long as those of a plain line: twice the most of a full run.
 LONGEST_S = 2 * 20 * 60.0
 JUDGED = (Verdict.PASS, Verdict.FAIL, Verdict.QUIRK)
 Row = dict[str, Any]

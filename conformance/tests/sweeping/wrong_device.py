@@ -36,8 +36,8 @@ MOST_WAKES = 10_000  # at one instant
 
 @dataclass
 class Tally:
-    """What has happened: how often the fault could hit, and did; how many replies were said, and how
-    many requests have come since; how far a shaft went."""
+    """What has happened: how often the fault could hit, and did; how many replies were said, and
+    how many requests have come since; how far a shaft went."""
 
     asked: int = 0
     hits: int = 0
