@@ -220,6 +220,16 @@ def test_a_preloaded_endless_motion_begins_with_11h(line: Line) -> None:
     assert not line.has_deadline()
 
 
+def test_11h_spends_the_arm(line: Line) -> None:
+    """10h, 13h, 11h, and then 15h: that runs, and is no runaway."""
+    for index, parameter in ((0x10, 0), (0x13, 0), (0x11, 0), (0x15, 0x0640)):
+        line.say(index, parameter)
+    line.now_ns += SECOND // 10
+    line.at(500)
+    assert not line.travel_guard.is_in_doubt
+    assert line.has_deadline()
+
+
 def test_a_frame_with_a_wrong_checksum_asks_for_nothing(line: Line) -> None:
     """It is how Nacks are provoked."""
     frame = codec.request(0, 0x13, 100_000).with_wrong_checksum().encode()

@@ -211,6 +211,21 @@ def test_a_failure_that_comes_and_goes_on_a_quiet_line_is_inconclusive() -> None
     assert count == replays.MOST_ATTEMPTS
 
 
+def test_a_failure_that_comes_now_and_then_on_a_sound_line_is_the_devices() -> None:
+    """The same thing, nothing late, nothing corrupted: noise makes no pattern there."""
+    row = [FAILS if number % 4 == 0 else PASSES for number in range(20)]
+    assert settled(*row)[:2] == (Verdict.FAIL, replays.MOST_ATTEMPTS)
+    seldom = [FAILS if number % 6 == 0 else PASSES for number in range(20)]
+    assert settled(*seldom)[:2] == (Verdict.FAIL, 13), "two are waited for to come again"
+    twice = [FAILS, FAILS, *[PASSES] * 20]
+    longest = replays.MOST_WHILE_ALIKE * replays.MOST_ATTEMPTS
+    assert settled(*twice)[:2] == (Verdict.INCONCLUSIVE, longest)
+    elsewhere = [
+        one for many in zip(wandering(5), [PASSES] * 5, [PASSES] * 5, strict=True) for one in many
+    ]
+    assert settled(*elsewhere)[0] is Verdict.INCONCLUSIVE, "each in another way"
+
+
 def test_on_a_noisy_line_a_failure_that_does_not_come_again_was_noise() -> None:
     """Enough quiet passes outvote it."""
     noisy = LineQuality(10_000, 100)
@@ -239,7 +254,7 @@ def test_what_fails_alike_now_and_then_is_a_failure_where_no_noise_was_ever_seen
     assert settled(*row, quality=LineQuality(10_000, 1))[0] is Verdict.INCONCLUSIVE
     assert settled(*row, quality=LineQuality(10_000, 0, late=1))[0] is Verdict.INCONCLUSIVE
     assert settled(*row[:9], RETRIED)[0] is Verdict.INCONCLUSIVE
-    assert settled(*row[:4], *[PASSES] * 6)[0] is Verdict.INCONCLUSIVE, "two of ten"
+    assert settled(*row[:4], *[PASSES] * 16)[0] is Verdict.INCONCLUSIVE, "two of twenty"
 
 
 def test_on_a_noisy_line_failures_at_different_places_are_not_the_device() -> None:

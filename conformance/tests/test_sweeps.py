@@ -49,6 +49,14 @@ UNKNOWN = [
     Fault("effect", "refused", FORMATS["mac23"].commands),
     Fault("effect", "none, no reply", FORMATS["mac23"].commands, When(first=5)),
 ]
+# What escaped: a byte behind the replies to one command; what is wrong in some attempts only; and a
+# module that restarts by itself, which was lost before anything was judged.
+ONCE_ESCAPED = [
+    ("full", Fault("reply", "longer", ("1E",), amount=1)),
+    ("full", Fault("reply", "longer", ("23",), amount=1)),
+    ("full", Fault("effect", "late", ("09",), When(every=7), amount=30_000_000)),
+    ("quick", Fault("state", "lost", FORMATS["mac23"].commands, When(first=50, every=40))),
+]
 TICKS = 6148  # a variable of the bench program, one more in every scan
 EXAMPLES = [
     ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),
@@ -392,6 +400,22 @@ def test_a_device_that_is_always_wrong_is_no_noisy_line(model: str, fault: Fault
     row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
     assert row["outcome"] == "caught", row
     assert row["bench_s"] < LONGEST_S / 1.5
+
+
+@pytest.mark.strength(seconds=15)
+@pytest.mark.parametrize(("level", "fault"), ONCE_ESCAPED, ids=str)
+def test_what_once_escaped_on_a_plain_port_is_caught(level: str, fault: Fault) -> None:
+    """On a line that nobody knows to lose nothing."""
+    setting = Setting("mac23", "a plain port", level, 300, is_exitfirst=True)
+    row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
+    assert row["outcome"] == "caught", row
+
+
+def test_who_says_nothing_any_more_is_silent() -> None:
+    """It answers the first requests, and none of the last."""
+    row: Row = {"hang": "", "errors": [], "status": 3, "sentence": "lost", "evidence": []}
+    assert FaultSweep._outcome(row, Tally(said=9, hits=1, unanswered=1)) == ("refused", "lost")
+    assert FaultSweep._outcome(row, Tally(said=9, hits=1, unanswered=9)) == ("silent", "lost")
 
 
 @pytest.mark.strength

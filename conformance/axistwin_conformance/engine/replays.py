@@ -18,10 +18,10 @@ has looked wrong, what holds in such an attempt does not do either.
 *Often enough* follows from the line itself: with a share p of exchanges corrupted, the same result
 k times by noise alone has the chance p to the power of k; k is taken so that it is one in a million
 (`LineQuality.alike_needed`), and one in ten thousand that any k of all attempts are alike.  What
-needs more replays than there are stays inconclusive, k of n.  Where all attempts fail, each in
-another way, and the line corrupts nothing beside (`_is_sound`), it is the device that is wrong in
-many ways.  Where so many fail alike, though others hold, and the line has neither corrupted nor
-delayed anything in the whole run, it is wrong now and then.
+needs more replays than there are stays inconclusive, k of n.  Where the line corrupts nothing
+beside (`_is_sound`) and all attempts fail, each in another way, it is the device that is wrong in
+many ways.  Where it has neither corrupted nor delayed anything in the whole run (`_is_spotless`),
+and as many as are needed fail alike while others hold, it is wrong now and then.
 """
 
 from __future__ import annotations
@@ -151,28 +151,31 @@ class Replays:
             self._surprise(one) and not one.is_void and not one.late for one in self._all
         )
 
-    def _wrong_now_and_then(self) -> Attempt | None:
-        """An attempt of those that failed alike, more often than noise does it, on a line that has
-        never corrupted or delayed anything; None if there are none."""
+    @property
+    def _is_spotless(self) -> bool:
+        """True on a line that has never corrupted or delayed anything."""
         quality = self._quality
-        if quality.corrupted or quality.late or not all(one.is_quiet for one in self._all):
-            return None
-        for one in self._all:
-            alike = self._alike(surprise) if (surprise := self._surprise(one)) else 0
-            if alike >= quality.alike_needed and not self._is_by_chance(alike):
-                return one
-        return None
+        is_quiet = all(one.is_quiet for one in self._all)
+        return is_quiet and not (quality.corrupted or quality.late)
+
+    def _most_alike(self) -> tuple[tuple[object, ...], int]:
+        """What most attempts complain of in which nothing was corrupted or late, and how many."""
+        quiet = [one for one in self._all if one.is_quiet and not one.late]
+        told = Counter(surprise for one in quiet if (surprise := self._surprise(one)))
+        return told.most_common(1)[0] if told else ((), 0)
 
     def _is_promising(self) -> bool:
-        """True if more attempts may settle it: all fail, some of them alike, not yet enough.
+        """True if more attempts may settle it: all fail, some of them alike, not yet enough; or
+        some hold, and what others fail by is not yet enough to come from the device now and then.
 
         What comes again in quiet attempts is seldom noise; of a long check few attempts are quiet,
         so it is those that are waited for.
         """
+        _, quiet = self._most_alike()
         if self._passed():
-            return False
-        quiet = Counter(self._surprise(one) for one in self._all if one.is_quiet and not one.late)
-        if any(count > 1 for count in quiet.values()):
+            may_recur = self._is_spotless and 1 < quiet < self._quality.alike_needed
+            return may_recur and len(self._all) < MOST_WHILE_ALIKE * self._most
+        if quiet > 1:
             return len(self._all) < MOST_WHILE_QUIET * self._most
         is_alike = any(self._alike(self._surprise(one)) >= LEAST_ALIKE for one in self._all)
         return is_alike and len(self._all) < MOST_WHILE_ALIKE * self._most
@@ -252,11 +255,18 @@ class Replays:
         if self._is_wrong_in_many_ways():
             text = f"all {len(self._all)} attempts failed, in many ways, and nothing else did"
             return self._with_history(self._all[-1].result, text)
-        if (one := self._wrong_now_and_then()) is not None:
-            count = self._alike(self._surprise(one))
-            text = f"{count} of {len(self._all)} attempts failed alike: now and then, and no noise"
-            return self._with_history(one.result, text)
-        return self._inconclusive(passed, surprises)
+        return self._now_and_then() or self._inconclusive(passed, surprises)
+
+    def _now_and_then(self) -> CheckResult | None:
+        """What comes again on a line without a spot, though others hold: noise makes no pattern
+        there."""
+        surprise, alike = self._most_alike()
+        is_enough = alike >= self._quality.alike_needed and not self._is_by_chance(alike)
+        if not (self._is_spotless and is_enough):
+            return None
+        result = next(one.result for one in self._all if self._surprise(one) == surprise)
+        text = f"{alike} of {len(self._all)} attempts failed alike, and nothing else did"
+        return self._with_history(result, f"{text}: it is so now and then")
 
     def _inconclusive(
         self, passed: list[Attempt], surprises: list[tuple[object, ...]]

@@ -537,12 +537,7 @@ class Engine:
         if run.target.crash:
             return False
         if check.danger > 0:
-            try:
-                self._guard.restore(run)
-            except TargetError:  # who has restarted meanwhile is deaf for a while
-                if self._guard.blocked or not self._guard.is_sane(run):
-                    raise
-                self._guard.restore(run)
+            self._guard.restore(run)
         return self._guard.is_sane(run)
 
     def _is_alone(self, run: Run, check: Check) -> bool:

@@ -89,6 +89,8 @@ def _run(setting: Setting, seed: int, link: Path, hear: Any) -> Row:
     choices: dict[str, Any] = {"allow": "motion,stored,destructive", "max_travel": TRAVEL}
     if model.startswith("msc"):
         choices = {"allow": "motion,stored", **small_scratch(model)}
+    if beside := NEIGHBOURS.get(model, ()):
+        choices["neighbours"] = beside
     choices |= {"can": f"slcan:{link}"} if model.endswith("-can") else {"port": str(link)}
     options = make_options(
         model=model, level=setting.level, seed=seed, exitfirst=setting.is_exitfirst, **choices

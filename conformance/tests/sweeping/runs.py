@@ -12,10 +12,11 @@ from interfaces import ALL, judged_behind
 from small_scratch import small_scratch
 from zoo.judge import Overrun, limited
 
-from axistwin_conformance.base.events import CheckStarted, Event, Outcome
+from axistwin_conformance.base.events import CheckStarted, Event, Identified, Outcome
 from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
+from axistwin_conformance.engine.eta import PLAIN_TRIP_NS
 from axistwin_conformance.engine.result import Result
 from axistwin_conformance.engine.run import Engine
 
@@ -24,7 +25,8 @@ VIRTUAL = "virtual"  # no interface: the built-in twin, in a time that the suite
 ALONE = ("address_settable=false", "transport=rs232")  # no second device can be beside these
 NEIGHBOURS = {"mac23": (1,), "mac23-can": (2,)}
 TRAVEL = 20_000
-LONGEST_S = 2 * 20 * 60.0  # on a bench: twice the most that a full run may take
+# On a bench, with exchanges as long as those of a plain line: twice the most of a full run.
+LONGEST_S = 2 * 20 * 60.0
 JUDGED = (Verdict.PASS, Verdict.FAIL, Verdict.QUIRK)
 Row = dict[str, Any]
 
@@ -51,11 +53,13 @@ def judge(setting: Setting, seed: int, query: str = "", *, detects: bool = False
 
 def judged_within(setting: Setting, run: Callable[[Callable[[Event], None]], Row]) -> Row:
     """What comes of a run, or why it was ended."""
-    current = [""]
+    current, slower = [""], [1.0]
 
     def hear(event: Event) -> None:
         if isinstance(event, CheckStarted):
             current[0] = event.name
+        if isinstance(event, Identified):
+            slower[0] = max(1.0, event.round_trip_median_ns / PLAIN_TRIP_NS)
 
     began = time.process_time()
     row: Row = {"hang": ""}
@@ -66,7 +70,7 @@ def judged_within(setting: Setting, run: Callable[[Callable[[Event], None]], Row
         row["hang"] = f"{setting.limit_s:.0f} s of processor time, in {current[0] or 'no check'}"
     except Exception as error:  # nothing may come out of an engine
         row["errors"] = [f"out of the engine: {type(error).__name__}: {error}"]
-    if row.get("bench_s", 0) > LONGEST_S:
+    if row.get("bench_s", 0) > LONGEST_S * slower[0]:
         row["hang"] = f"{row['bench_s']} s on a bench"
     return row | {"cpu_s": round(time.process_time() - began, 1)}
 

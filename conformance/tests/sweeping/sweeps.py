@@ -20,6 +20,7 @@ from sweeping.wrong_device import Tally, planted
 
 MODELS: Final = (*FORMATS, "mn400")  # faults are drawn for those with a format
 CRASHED: Final = "the built-in twin crashed"
+SILENT: Final = 5  # requests in a row at the end, none of which got an answer
 JUDGED_PART = 0.95  # of what is judged of the default twin
 
 
@@ -156,7 +157,7 @@ class FaultSweep(Sweep):
         "hang": "took too long", "outside": "left the envelope", "error": "error in the suite",
         "refused": "exit 3, though it answers", "escaped": "conforms, it was said",
         "named": "taken for other readings", "inconclusive": "nothing failed, something open",
-        "caught": "exit 1", "silent": "exit 3, never says anything",
+        "caught": "exit 1", "silent": "exit 3, says nothing, or nothing any more",
         "unseen": "never showed",
         "no device": "the twin fell over the fault",
     }  # fmt: skip
@@ -206,7 +207,8 @@ class FaultSweep(Sweep):
         if not tally.hits:
             return "unseen", ""
         if row["status"] == 3:
-            return ("refused" if tally.said else "silent"), row["sentence"]
+            is_silent = not tally.said or tally.unanswered >= SILENT
+            return ("silent" if is_silent else "refused"), row["sentence"]
         if row["named"]:
             return "named", " ".join(f"{name}={one}" for name, one in row["named"].items())
         told = "; ".join(f"{one}: {why}" for one, why in row["open"].items()) or row["sentence"]

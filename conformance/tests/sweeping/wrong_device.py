@@ -35,12 +35,13 @@ LIMIT_S = 5.0
 
 @dataclass
 class Tally:
-    """What has happened: how often the fault could hit, and did; how many replies were said; how
-    far a shaft went."""
+    """What has happened: how often the fault could hit, and did; how many replies were said, and
+    how many requests have come since; how far a shaft went."""
 
     asked: int = 0
     hits: int = 0
     said: int = 0
+    unanswered: int = 0
     furthest: int = 0
     crash: str = ""
     first: dict[int, int] = field(default_factory=dict)
@@ -196,6 +197,7 @@ class WrongDevice:
         is_for_others = not is_frame and self.quiet_prefix(data) == len(data)
         if kind and not is_for_others and not (is_frame and message.is_remote):
             self._kind = kind
+            self._tally.unanswered += 1
             found += self._obey(kind, data, now, tell)
         else:
             found += self._out(tell(data, now), now)
@@ -291,7 +293,9 @@ class WrongDevice:
     # --- what goes --------------------------------------------------------------------------------
 
     def _say(self, data: bytes, start_ns: int) -> list[Any]:
-        self._tally.said += self._form.is_reply(data)
+        if self._form.is_reply(data):
+            self._tally.said += 1
+            self._tally.unanswered = 0
         if self._is_on_bus:
             return [SendFrame(start_ns, _frame(data))]
         return [Transmit(start_ns, data)]

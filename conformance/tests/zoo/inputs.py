@@ -242,6 +242,12 @@ def a_cleared_move_counts_its_way_from_the_shaft(patch: MonkeyPatch) -> None:
     patch.setattr(Counter, "of_set_point", lambda counter, now: counter._unfolded(now))
 
 
+@mutant("MACS-CMD-0E-01")
+def catching_up_knows_no_0eh(patch: MonkeyPatch) -> None:
+    """0Eh is stored and read back, and the axis catches up as fast as ever."""
+    patch.setattr(Plant, "set_catch_up", lambda *_: None)
+
+
 @mutant("MACS-CMD-0E-02")
 def the_catch_up_begins_anew_with_every_0eh(patch: MonkeyPatch) -> None:
     """0Eh drops the time that has passed of the increment under way."""

@@ -271,6 +271,19 @@ def a_nack_is_repeated(patch: MonkeyPatch) -> None:
     patch.setattr(serial, "NACK", b"\x15\x15")
 
 
+@mutant("MACS-REPLY-12")
+def a_zero_follows_what_is_said_to_segments(patch: MonkeyPatch) -> None:
+    """16h and 1Eh are answered with 06 13 1A 00: the length counts the end of the string."""
+    asked = [0]
+
+    def act(judge: Any_, _: MacSerial, __: bytes, request: Any) -> None:
+        asked[0] = request.command
+        judge()
+
+    frames(patch, act)
+    replies(patch, lambda data, _: data + b"\0" * (data == ACCEPTED and asked[0] in (0x16, 0x1E)))
+
+
 @mutant("MACS-REPLY-14")
 def a_move_is_acknowledged_when_it_is_over(patch: MonkeyPatch) -> None:
     """The reply to 13h waits for the end of the motion, though not longer than a second."""

@@ -29,6 +29,22 @@ def a_software_stop_clips_the_target(patch: MonkeyPatch) -> None:
     on(patch, 0x13, act)
 
 
+@mutant("MACS-CMD-18-03", "MACS-STOP-03")
+def a_software_stop_leaves_the_preload(patch: MonkeyPatch) -> None:
+    """What 18h drops, stays where a stop has ended the motion before it."""
+
+    def make(obey: Any_) -> Any_:
+        def obeying(axis: Axis, now: int) -> None:
+            kept, is_met = (axis._armed, axis._preload), axis.drive.met_stop
+            obey(axis, now)
+            if is_met:
+                axis._armed, axis._preload = kept
+
+        return obeying
+
+    wrap(patch, Axis, "_obey_stops", make)
+
+
 def _without_stop(patch: MonkeyPatch, direction: int, kinds: tuple[State, ...]) -> None:
     """Let the software stop of `direction` not act in motions of `kinds`."""
 

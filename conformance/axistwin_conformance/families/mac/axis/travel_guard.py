@@ -60,6 +60,7 @@ F6_TURNS: Final = "negative"
 REPLACES: Final = "replace"
 SEGMENTS_UNSIGNED: Final = "false"
 FLUSHES: Final = "true"
+PERMANENT: Final = "permanent"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
 STOP: Final = 0x18
@@ -250,17 +251,8 @@ class AxisTravelGuard:
             return self._endless(axis, parameter >> 16 & 0xFF, half, now_ns, frame)
         if index == 0x16 and half:
             return self._stepped(axis, parameter >> 16, half, frame)
-        if index == 0x11 and axis.held is not None:
-            speed, directions = axis.held
-            return replace(
-                axis,
-                speed=speed,
-                directions=directions,
-                since_ns=now_ns,
-                held=None,
-                may_move=True,
-                target=None,
-            )
+        if index == 0x11:
+            return self._released(axis, now_ns)
         if index == 0x17:
             return replace(self._run_out(axis), held=None, is_armed=False)
         if index in HALTING:
@@ -277,6 +269,16 @@ class AxisTravelGuard:
             0x0F: {"coefficient": low_byte},
         }
         return replace(axis, **changes.get(index, {}))
+
+    def _released(self, axis: Axis, now_ns: int) -> Axis:
+        """11h: what is held runs, and nothing is armed any more, unless the device stays so."""
+        keeps = self.readings.guess("sync_arm_lifetime", "") == PERMANENT
+        axis = replace(axis, is_armed=axis.is_armed and keeps)
+        if axis.held is None:
+            return axis
+        speed, directions = axis.held
+        begun = replace(axis, speed=speed, directions=directions, since_ns=now_ns, may_move=True)
+        return replace(begun, held=None, target=None)
 
     def _cleared(self, axis: Axis, since_ns: int, now_ns: int) -> Axis:
         """0Bh, between two instants: the counter is 0, where the shaft is known no better, and a

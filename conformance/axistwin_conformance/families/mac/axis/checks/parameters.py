@@ -20,6 +20,8 @@ from axistwin_conformance.families.mac.axis.probes.parameters import (
     zero_catchup,
     zero_period_0d,
 )
+from axistwin_conformance.families.mac.axis.probes.stops import overshoot_return
+from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.axis.words import NAMES
 
 ORDER = 100  # of this module in a run; see `Family.modules`
@@ -223,6 +225,13 @@ def the_catch_up_speed_reads_back(session: Session) -> None:
     reads_back(driver, 0x0E, cases, 0xFFFFFFFF, ("MACS-CMD-0E-01", "MACS-Q-25-01"))
     driver.judge.again(catchup_low_byte, "MACS-CMD-0E-01")
     driver.judge.again(zero_catchup, "MACS-CMD-0E-01")
+
+
+@check("MACS-CMD-0E-01", safety=MOVES, level="full")
+def a_target_left_behind_is_returned_to(session: Session) -> None:
+    """0Bh puts the target of a move behind the axis: it comes back at the pace of 0Eh, or in a new
+    profile."""
+    driver_of(session).judge.again(overshoot_return, "MACS-CMD-0E-01")
 
 
 @check("MACS-CMD-0F-01", "MACS-Q-26-01", safety="stored")

@@ -215,6 +215,25 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
             driver.judge.accepted(0x03, 0, requirement=side.requirements)
 
 
+@check("MACS-CMD-18-03", "MACS-STOP-03", safety=MOVES, level="full")
+def a_software_stop_drops_a_preloaded_move(session: Session) -> None:
+    """10h, 13h, then a segment that meets a software stop, and 11h: as after 18h, nothing moves."""
+    driver = driver_of(session)
+    for switch in ("abort_flush", "preload_policy", "arm_after_segment", "preload_locks"):
+        if driver.readings.known(switch):
+            session.skip(f"this device's {switch} leaves nothing to drop, or all")
+    start = enable_stop(driver, SIDES[0], 20)
+    segment = segment_parameter(60, driver.motion.period)
+    for index, parameter in ((0x10, 0), (0x13, start - 40), (0x16, segment)):
+        driver.judge.accepted(index, parameter)
+    place = _rest(driver)
+    session.expect(place > start, "MACS-STOP-03", f"beyond {start}, on the stop", place)
+    driver.client.command(0x11)  # with nothing to start, it may be refused
+    moved = _rest(driver) - place
+    names = ("MACS-CMD-18-03", "MACS-STOP-03")
+    session.expect(not moved, names, "no motion: the stop has dropped it", f"{moved:+d} increments")
+
+
 @check("MACS-STOP-03", "MACS-CMD-09-02", safety=MOVES, level="full")
 def a_software_stop_drops_the_stored_segments(session: Session) -> None:
     """A segment beyond a software stop ends there, and what was stored behind it never runs."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Sample
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
@@ -28,6 +29,8 @@ LONGEST_DEAFNESS_S: Final = 61.0
 LONGEST_REAL_S: Final = 8.0  # where waiting takes a person's time, and may be for a dead device
 CLOCK_S: Final = 0.15  # closer than that to 2 s is 2 s, where only polling tells
 SLOWEST_CATCH_UP: Final = 0xFF00
+CATCH_UP_NS: Final = 200_000  # for an increment, times the byte of 0Eh (MACS-CMD-0E-01)
+UNSTEADY: Final = 5  # increments by which a shaft may be elsewhere than it is led
 
 
 def rest(driver: AxisDriver) -> int:
@@ -104,7 +107,7 @@ def overshoot_return(driver: AxisDriver) -> Outcome:
     """0Bh on the way from -700 to -100, so that the target falls behind; the pace of the return."""
     if driver.readings.known("reset_in_motion"):
         driver.session.skip("0Bh keeps the distance left on this device: no target falls behind")
-    start = driver.motion.ready(0x0640, 1)
+    start = driver.motion.ready(PERIOD, 1)
     if abs(start) + 1000 > driver.limits.room():
         driver.session.skip("needs counter 0 close by and 2000 increments of travel")
     driver.judge.accepted(0x0E, SLOWEST_CATCH_UP)
@@ -116,25 +119,44 @@ def overshoot_return(driver: AxisDriver) -> Outcome:
         pass
     cleared = driver.judge.accepted(0x0B).taken
     here = forecast.bounds(cleared)[0]
-    places = [sample.position for sample in driver.motion.sampled(1.0, 40)]
-    early = places[-1]
-    on_the_way = [place for place in places if early + 20 < place < max(places) - 20]
+    samples = driver.motion.sampled(1.5, 40)
     driver.motion.at_rest()
-    driver.motion.ready(0x0640, 1)
+    driver.motion.ready(PERIOD, 1)
     if abs(here) < driver.limits.room():
         driver.motion.finish(driver.motion.go(-here))
         driver.client.command(0x0B)
-    # 200 increments take 10 s of catch-up, and a tenth of a second in a profile.
-    # Where 20h tells the set-point, a catch-up is not seen at all.
-    if early < -100:
-        return f"{early} a second later"
-    return int(early == -100 and bool(_falling(places, on_the_way)))
+    return _way_back(driver, samples, -100)
 
 
-def _falling(places: list[int], on_the_way: list[int]) -> list[int]:
-    """Places seen on the way back, after the furthest one."""
-    after = places[places.index(max(places)) :]
-    return [place for place in after if place in on_the_way]
+def _way_back(driver: AxisDriver, samples: Sequence[Sample], target: int) -> Outcome:
+    """Which reading it is to come back to a target like that: 200 increments take 10 s of catch-up,
+    and a tenth of a second in a profile."""
+    furthest = max(sample.position for sample in samples)
+    turn = [sample.position for sample in samples].index(furthest)
+    last = [sample for sample in samples if sample.position == furthest][-1]
+    after = samples[turn:]
+    if all(_is_caught_up(samples[turn], sample) for sample in after):
+        return 0
+    arrived = [one for one in after if abs(one.position - target) <= UNSTEADY]
+    if samples[-1] not in arrived:
+        return f"from {furthest} back to {[one.position for one in after[1:]]}"
+    between = [one for one in after if target + 20 < one.position < furthest - 20]
+    if not between:
+        return 0  # where 20h tells the set-point, a catch-up is not seen at all
+    profile_ns = 1e9 * driver.motion.lasting_s(furthest - target)
+    least_ns = between[-1].taken.earliest_ns - between[0].taken.latest_ns
+    most_ns = arrived[0].taken.latest_ns - last.taken.earliest_ns
+    is_profile = least_ns <= 2 * profile_ns and most_ns >= 0.7 * profile_ns
+    return 1 if is_profile else f"back in {least_ns / 1e6:.0f} to {most_ns / 1e6:.0f} ms"
+
+
+def _is_caught_up(before: Sample, after: Sample) -> bool:
+    """Whether catch-up gets from the one to the other at the pace of `SLOWEST_CATCH_UP`."""
+    pace_ns = (SLOWEST_CATCH_UP >> 8) * CATCH_UP_NS
+    least_ns = after.taken.earliest_ns - before.taken.latest_ns
+    most_ns = after.taken.latest_ns - before.taken.earliest_ns
+    back = before.position - after.position
+    return least_ns / pace_ns - UNSTEADY <= back <= most_ns / pace_ns + UNSTEADY
 
 
 # --- restart -------------------------------------------------------------------------------------

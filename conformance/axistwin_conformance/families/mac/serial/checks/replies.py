@@ -7,11 +7,12 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import velocity
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.parameters import settings_of
 from axistwin_conformance.families.mac.axis.probes.sync import is_held
 from axistwin_conformance.families.mac.axis.words import TICK
 from axistwin_conformance.families.mac.serial import codec
@@ -57,9 +58,10 @@ def the_manuals_examples_get_their_printed_replies(session: Session) -> None:
         session.quirk("MACS-REPLY-01", "xon_byte", spelled)
 
 
-@check("MACS-REPLY-07", "MACS-REPLY-08", "MACS-REPLY-09", "MACS-REPLY-10")
+@check("MACS-REPLY-07", "MACS-REPLY-08", "MACS-REPLY-09", "MACS-REPLY-10", "MACS-REPLY-12")
 def every_answer_has_the_form_of_the_manual(session: Session) -> None:
-    """20h to 29h are answered in 21 bytes: length field 011, own address, second index digit."""
+    """20h to 29h are answered in 21 bytes: length field 011, own address, second index digit; and
+    nothing follows."""
     driver = SerialDriver(session)
     for index in range(0x20, 0x2A):
         exchange = driver.client.ask(index)
@@ -79,6 +81,37 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
         )
         _judge_digit(driver, index, reply)
         _judge_length(driver, index, reply)
+        _nothing_follows(driver, exchange)
+
+
+def _nothing_follows(driver: SerialDriver, exchange: AxisExchange) -> None:
+    """Judge that the reply to a request was all that it got."""
+    target = driver.session.target
+    surplus = target.receive(3, QUIET_S + target.uncertainty_ns / 1e9)
+    behind = f"{exchange.reply}, and then {surplus.hex(' ').upper()}"
+    seen = Observation(f"{REQUEST} got {behind}", behind, request=exchange.request)
+    driver.session.expect(not surplus, "MACS-REPLY-12", "nothing behind the reply", seen)
+
+
+@check("MACS-REPLY-12", safety=("motion", "stored"), level="full")
+def nothing_follows_an_acceptance(session: Session) -> None:
+    """Every command is accepted in three bytes, whichever it is; written is what is stored."""
+    driver = SerialDriver(session)
+    driver.motion.ready()
+
+    def accepted(index: int, parameter: int = 0) -> None:
+        _nothing_follows(driver, driver.judge.accepted(index, parameter))
+
+    for index, parameter in settings_of(driver.client.parameters()).items():
+        accepted(index, parameter)
+    for index in (0x0B, 0x14, 0x19, 0x1A, 0x17, 0x18):
+        accepted(index)
+    place = driver.client.position()
+    for index, parameter in ((0x13, place), (0x10, 0), (0x13, place), (0x11, 0)):
+        accepted(index, parameter)
+    step = segment_parameter(1, driver.motion.period)
+    for index, parameter in ((0x1E, step), (0x16, step), (0x15, velocity(1, driver.motion.period))):
+        accepted(index, parameter)
 
 
 def _judge_digit(driver: SerialDriver, index: int, reply: codec.SerialReply) -> None:
