@@ -21,6 +21,14 @@ ARCS: Final = (
     (0, -500, -354, -146), (400, 0, 400, 400), (-400, 0, -800, 0), (0, 300, -300, 300),
     (250, 250, 500, 500), (0, -3, 3, -3), (-1, 0, -2, 0),
 )  # fmt: skip
+# On a circle of radius 250, in order, a point in each eighth: arcs begin there and end there.
+EIGHTHS: Final = (
+    (150, 200), (200, 150), (200, -150), (150, -200),
+    (-150, -200), (-200, -150), (-200, 150), (-150, 200),
+)  # fmt: skip
+OF_EIGHTHS: Final = tuple(
+    (-x, -y, EIGHTHS[at - 5][0] - x, EIGHTHS[at - 5][1] - y) for at, (x, y) in enumerate(EIGHTHS)
+)
 TABLE: Final = ("MN4-CMD-A-01", "MN4-CMD-A-02", "MN4-CMD-A-03", "MN4-CMD-A-05", "MN4-ARC-01",
                 "MN4-ARC-03", "MN4-ARC-04", "MN4-ARC-08")  # fmt: skip
 # Planes of X and Y, and a traverse motor, from 1.
@@ -31,10 +39,11 @@ OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right a
 
 @check(*TABLE, safety=MOTION)
 def arcs_run_on_their_circle(session: Session) -> None:
-    """Motors 1 and 3 on the circle at any time, clockwise or not as asked, exactly at the end."""
+    """Motors 1 and 3 on the circle at any time, clockwise or not as asked, exactly at the end;
+    also from each eighth of the circle and to each."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(1000, "these arcs")
-    for centre_x, centre_y, x, y in ARCS:
+    for centre_x, centre_y, x, y in ARCS + OF_EIGHTHS:
         for direction in (1, -1):
             motion.ready()
             motion.do(f"A{centre_x},{centre_y},{x},{y},{direction}", "MN4-CMD-A-01")
