@@ -4,7 +4,7 @@ HEL)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import atan2, hypot, pi, remainder, tau
 from typing import Final
 
 from axistwin_conformance.base.check import check
@@ -34,6 +34,7 @@ TABLE: Final = ("MN4-CMD-A-01", "MN4-CMD-A-02", "MN4-CMD-A-03", "MN4-CMD-A-05", 
 # Planes of X and Y, and a traverse motor, from 1.
 PLANES: Final = ((1, 2, 3), (4, 1, 2), (2, 4, 1), (3, 1, 4))
 ON_CIRCLE: Final = ("MN4-ARC-04", "MN4-ARC-08")
+ALONG: Final = 3.5  # steps along a circle: more than rounding of an arc and its traverse gives
 OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right arc gives
 
 
@@ -185,6 +186,20 @@ def helices_turn_and_traverse(session: Session) -> None:
             path = ("MN4-HEL-02", "MN4-CMD-HEL-02", "MN4-CMD-HEL-03")
             end = ("MN4-CMD-HEL-01", "MN4-CMD-HEL-02")
             motion.follow(path, end, ("MN4-HEL-01", "MN4-CMD-HEL-01"), samples=8)
+    _judge_long_traverse(motion)
+
+
+def _judge_long_traverse(motion: BoardMotion) -> None:
+    """A helix whose traverse makes the most steps: at any time it is as far as the arc has
+    turned."""
+    radius, traverse = 200, 600
+    motion.ready(motion.plane(1, 2, 3))
+    motion.do(f"+-{radius},0,-{2 * radius},0,1,{traverse},0", "MN4-CMD-HEL-01")
+    for x, y, z, _ in motion.follow("MN4-HEL-02", samples=8):
+        ahead = remainder(atan2(-y, x + radius) - pi * z / traverse, tau) * radius
+        told = f"the arc within {ALONG} steps of where it is at {z} of {traverse} steps"
+        is_even = abs(ahead) <= ALONG
+        motion.session.expect(is_even, "MN4-HEL-02", told, f"{ahead:.2f} at {(x, y, z)}")
 
 
 @check("MN4-HEL-03", safety=MOTION)
