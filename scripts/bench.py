@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from scripts import bench_can, bench_mn400, bench_msc, bench_rack, bench_ratios
+from scripts import bench_can, bench_mn400, bench_msc, bench_panel, bench_rack, bench_ratios
 from scripts.bench_line import (
     ECHO_PTY,
     Dialogue,
@@ -84,6 +84,7 @@ CARRIERS = {
     "msc": bench_msc.compare_msc,
     "mn400": bench_mn400.compare_mn400,
     "rack": bench_rack.measure_rack,
+    "panel": bench_panel.measure_panel,
     "ratios": bench_ratios.compare_ratios,
 }
 
@@ -94,7 +95,7 @@ def main() -> None:
     parser.add_argument(
         "carriers",
         nargs="*",
-        metavar="serial|can|msc|mn400|rack|ratios",
+        metavar="serial|can|msc|mn400|rack|panel|ratios",
         help="which (default: all)",
     )
     parser.add_argument("--seconds", type=float, default=1.0, help="length of a slice (default 1)")

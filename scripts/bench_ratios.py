@@ -81,58 +81,62 @@ class Contestant:
         self.best_s = min(self.best_s, used / count / self.frames)
 
 
-def contestants() -> Iterator[tuple[str, list[Contestant]]]:
-    """Groups by what they are compared with: the first of a group is 1."""
-    normal = Contestant("one module, 20h", "mac23:0")
-    yield (
-        "an exchange",
-        [
-            normal,
-            Contestant("the host sends two stop bits", "mac23:0", stopbits=2),
-            Contestant("the host at half the rate", "mac23:0", baudrate=19200, expects=0),
-            Contestant("the host at 9600", "mac23:0", baudrate=9600, expects=0),
-            Contestant("the host at 115200", "mac23:0", baudrate=115200, expects=0),
-            Contestant(
-                "garbage at 19200, 21 bytes of it",
-                "mac23:0",
-                baudrate=19200,
-                data=GARBAGE[:1024],
-                expects=None,
-                frames=1024 / 21,
-            ),
-            Contestant(
-                "garbage at 115200, 21 bytes of it",
-                "mac23:0",
-                baudrate=115200,
-                data=GARBAGE[:1024],
-                expects=None,
-                frames=1024 / 21,
-            ),
-            Contestant(
-                "garbage at the right rate, 21 bytes of it",
-                "mac23:0",
-                data=GARBAGE[:1024],
-                expects=None,
-                frames=1024 / 21,
-            ),
-            Contestant(
-                "a module at 9600, the host at 115200",
-                "mac23:0?baud=9600",
-                baudrate=115200,
-                expects=0,
-            ),
-            Contestant("two modules at one address", "mac23:0,mac23:0", expects=None),
-            Contestant("nobody there, 127 modules", many(127), data=query(127), expects=0),
-            *(
-                Contestant(f"one of {count} modules", many(count), data=query(count // 2))
-                for count in (2, 16, 50, 127)
-            ),
-            Contestant("one of 127 modules, write and read", many(127), data=query(3), writes=True),
-            Contestant("write and read", "mac23:0", writes=True),
-        ],
-    )
-    quick = "mac23:0?quirk.reply_latency_us=0"
-    group = [Contestant("MAC, 20h", quick)]
+def mac_contestants() -> list[Contestant]:
+    """One module and what is out of the ordinary on its line."""
+    return [
+        Contestant("one module, 20h", "mac23:0"),
+        Contestant("the host sends two stop bits", "mac23:0", stopbits=2),
+        Contestant("the host at half the rate", "mac23:0", baudrate=19200, expects=0),
+        Contestant("the host at 9600", "mac23:0", baudrate=9600, expects=0),
+        Contestant("the host at 115200", "mac23:0", baudrate=115200, expects=0),
+        Contestant(
+            "garbage at 19200, 21 bytes of it",
+            "mac23:0",
+            baudrate=19200,
+            data=GARBAGE[:1024],
+            expects=None,
+            frames=1024 / 21,
+        ),
+        Contestant(
+            "garbage at 115200, 21 bytes of it",
+            "mac23:0",
+            baudrate=115200,
+            data=GARBAGE[:1024],
+            expects=None,
+            frames=1024 / 21,
+        ),
+        Contestant(
+            "garbage at the right rate, 21 bytes of it",
+            "mac23:0",
+            data=GARBAGE[:1024],
+            expects=None,
+            frames=1024 / 21,
+        ),
+        Contestant(
+            "a module at 9600, the host at 115200",
+            "mac23:0?baud=9600",
+            baudrate=115200,
+            expects=0,
+        ),
+        Contestant("two modules at one address", "mac23:0,mac23:0", expects=None),
+        Contestant("nobody there, 127 modules", many(127), data=query(127), expects=0),
+        *(
+            Contestant(f"one of {count} modules", many(count), data=query(count // 2))
+            for count in (2, 16, 50, 127)
+        ),
+        Contestant("one of 127 modules, write and read", many(127), data=query(3), writes=True),
+        Contestant("write and read", "mac23:0", writes=True),
+    ]
+
+
+def quick_mac() -> Contestant:
+    """What other families are compared with."""
+    return Contestant("MAC, 20h", "mac23:0?quirk.reply_latency_us=0")
+
+
+def mn400_contestants() -> list[Contestant]:
+    """The dialogues of the board."""
+    group = [quick_mac()]
     for name, dialogue in bench_mn400.DIALOGUES.items():
         group.append(
             Contestant(
@@ -144,8 +148,12 @@ def contestants() -> Iterator[tuple[str, list[Contestant]]]:
                 expects=len(dialogue.answer),
             )
         )
-    yield "MN400", group
-    group = [Contestant("MAC, 20h", quick)]
+    return group
+
+
+def msc_contestants() -> list[Contestant]:
+    """The dialogues of one controller, and of one of two on a line."""
+    group = [quick_mac()]
     for name, dialogue in DIALOGUES.items():
         for kind, device in (("alone", MODEL), ("of two", f"{MODEL},msc-250:2")):
             group.append(
@@ -160,7 +168,14 @@ def contestants() -> Iterator[tuple[str, list[Contestant]]]:
                     closing=ACK,
                 )
             )
-    yield "MSC", group
+    return group
+
+
+def contestants() -> Iterator[tuple[str, list[Contestant]]]:
+    """Groups by what they are compared with: the first of a group is 1."""
+    yield "an exchange", mac_contestants()
+    yield "MN400", mn400_contestants()
+    yield "MSC", msc_contestants()
 
 
 def compare_ratios(_folder: str, seconds: float) -> None:

@@ -8,7 +8,9 @@ Rows go into a file as they come, so that a sweep that was ended goes on with th
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -84,7 +86,9 @@ def sweep(options: argparse.Namespace, model: str) -> int:
 def main() -> int:
     """Sweep; the exit status is 1 if any device was judged wrongly."""
     options = parsed_options()
-    return int(sum(sweep(options, model) for model in options.models or MODELS) > 0)
+    with tempfile.TemporaryDirectory() as folder:  # what real ports held is kept for no user
+        os.environ["XDG_STATE_HOME"] = folder
+        return int(sum(sweep(options, model) for model in options.models or MODELS) > 0)
 
 
 if __name__ == "__main__":

@@ -46,8 +46,7 @@ examples:
 STATUS_TIMEOUT = 124
 STATUS_FAILED = 125
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-BOOT_TIMEOUT_S = 60.0
-"""A kernel that has not come to the command by then is stuck; usual are 1 to 4 s."""
+BOOT_TIMEOUT_S = 60.0  # a kernel that has not come to the command is stuck; usual are 1 to 4 s
 
 GUEST = Path(__file__).with_name("vm_guest.sh")
 QEMU_INIT = Path(__file__).with_name("vm_qemu_init.sh")
@@ -60,19 +59,17 @@ QEMU_FOLDERS = ("bin", "dev", "proc", "sys", "host", "top", "modules")
 QEMU_KERNEL = "linux-image-amd64"  # the kernel "cloud" has no CAN
 
 # Without speed trials and file systems that nobody here uses: 0.3 s instead of 2 s.
-UML_SKIP = "initcall_blacklist=raid6_select_algo,init_btrfs_fs,init_zswap"
-UML_FASTER = (UML_SKIP, "pty.legacy_count=0")
+UML_FASTER = ("initcall_blacklist=raid6_select_algo,init_btrfs_fs,init_zswap", "pty.legacy_count=0")
 # The kernel measures the processor's own clock at the start, on a busy host wrongly: time then ran
 # six times too fast.  HPET follows the host's time by itself.
 QEMU_CLOCK = "tsc=unstable clocksource=hpet"
 QEMU_FASTER = f"{QEMU_CLOCK} no_timer_check mitigations=off nokaslr apparmor=0 random.trust_cpu=on"
 SHARED_FOLDER = Path("/var/tmp")
 
-NESTED_MARK = "AXISTWIN_VM"
-"""Set inside, so that tests can tell 'absent here' from 'must be there'."""
+NESTED_MARK = "AXISTWIN_VM"  # set inside, so that tests can tell 'absent here' from 'must be there'
 
+# A kernel's command line and environment, given file descriptors for the two streams.
 Launch = Callable[[int, int], tuple[list[str], dict[str, str]]]
-"""A kernel's command line and environment, given file descriptors for the two streams."""
 
 
 class VmError(Exception):

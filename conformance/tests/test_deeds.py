@@ -55,6 +55,15 @@ def test_a_twin_has_no_bounds() -> None:
     assert set(given) == set(SAFETY_CLASSES) - {"negative"}
 
 
+@pytest.mark.parametrize("model", ["mac23", "mac23-can", "msc-250", "mn400"])
+def test_every_class_is_told_with_its_bounds(model: str) -> None:
+    """Whatever would be done, of every family; the MN400's stored program is put back."""
+    given = told(model=model)
+    assert all(one.what and one.within for one in given.values() if one.safety != "passive")
+    if model == "mn400":
+        assert given["stored"].within == "read first and put back"
+
+
 def test_of_a_controller_what_the_operator_has_named_is_told() -> None:
     """There is no axis to be driven and no EEPROM to be written."""
     given = told(

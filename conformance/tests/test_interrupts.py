@@ -30,11 +30,13 @@ def soon(number: signal.Signals) -> None:
 
 def is_interrupted_by(act: Callable[[], object]) -> bool:
     """Whether that is followed, soon, by an interrupt."""
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 30
     try:
         act()
         while time.monotonic() < deadline:
-            pass
+            # As a run does now and then; a signal that comes amid a collection in C may otherwise
+            # be seen by Python only much later.
+            time.sleep(0.001)
     except KeyboardInterrupt:
         return True
     return False
@@ -123,15 +125,22 @@ def test_an_interrupt_of_a_clean_up_hurries_it_and_then_cuts_it_short(
 ) -> None:
     """At once the axis is not driven any further; soon nothing is done any more."""
     monkeypatch.setattr(interrupts, "GRACE_S", 0.5)
-    hurries_s, ends_s = 0.0, 0.0
+    sent_s: list[float] = []
+    hurries_s: list[float] = []
+
+    def interrupt() -> None:
+        sent_s.append(time.monotonic())
+        os.kill(os.getpid(), number)
+
     with interrupts.heeded(), interrupts.held_back():
-        begun_s = time.monotonic()
-        threading.Timer(0.4, os.kill, (os.getpid(), number)).start()
-        while (ends_s := time.monotonic() - begun_s) < 20:
+        threading.Timer(0.4, interrupt).start()
+        limit_s = time.monotonic() + 60
+        while time.monotonic() < limit_s:
             if interrupts.is_hurried():
-                hurries_s = hurries_s or ends_s
-    assert 0.4 <= hurries_s < ends_s
-    assert 0.5 <= ends_s - hurries_s + 0.05 < 3
+                hurries_s.append(time.monotonic())
+    ends_s = time.monotonic()
+    assert sent_s[0] <= hurries_s[0]
+    assert sent_s[0] + 0.5 <= ends_s < limit_s
     assert not interrupts.is_hurried()
     assert not interrupts.is_held_back()
 

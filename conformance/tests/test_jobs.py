@@ -34,7 +34,7 @@ FAMILY = find_family("mac23")
 DRAWN = "some_mixed_sequences_agree_with_the_model"
 WALKED = "some_runs_of_the_machine_agree_with_the_model"
 ODD = "&quirk.sync_without_preload=refuse"  # a reading that the run has not been told of
-SPARE_S = 30.0  # a process needs a tenth of it on an idle machine
+SPARE_S = 300.0  # a process needs a hundredth of it on an idle machine
 
 
 class Unkept:

@@ -151,6 +151,18 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
                 "a_software_stop_drops_the_stored_segments",
             ),
         ),
+        # nor is any motion or deafness of a fixed length
+        (
+            {"reply_latency_us": "450000", "busy_after_abort": "true", "reset_reply": "silence"},
+            (
+                "a_hard_stop_stops_where_the_axis_is", "the_rate_can_be_programmed",
+                "a_factory_reset_brings_the_factory_values",
+                "the_counter_is_cleared_in_velocity_motion",
+                "segments_that_turn_round_end_on_the_stop_they_meet_first",
+                "a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it",
+                "a_move_whose_counter_is_cleared_while_it_lags_ends_where_it_should",
+            ),
+        ),
         # ones that mean nothing beside those that mean a stop, or an over-voltage
         (
             {"reserved_bits": "1", "status_ff_layout": "shifted", "status_hh_bit": "6-0"},
@@ -160,7 +172,7 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             ),
         ),
     ],
-    ids=["late", "ones"],
+    ids=["late", "later", "ones"],
 )  # fmt: skip
 def test_two_readings_do_not_hide_one_another(
     quirks: dict[str, str], names: tuple[str, ...]

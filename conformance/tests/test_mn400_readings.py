@@ -9,7 +9,10 @@ from mn400_twin import AlteredTwin, failures, judged, session_of
 
 from axistwin_conformance.base.check import Check
 from axistwin_conformance.core.session import Stop
+from axistwin_conformance.families.mn400 import codec
+from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.family import Mn400
+from axistwin_conformance.families.mn400.grammar import Refusal, read_command
 
 pytestmark = pytest.mark.strength
 
@@ -23,6 +26,21 @@ SOUND: list[tuple[str, dict[str, str]]] = [
     ("the_exit_code_is_that_of_the_last_move", {"limit_direction": "both"}),
     ("the_exit_code_is_that_of_the_last_move", {"limit_halts": "axis"}),
     ("a_limit_ends_what_moves_towards_it", {"limit_halts": "axis"}),
+    ("a_helix_that_cannot_be_is_refused", {"omitted_param": "error"}),
+    ("a_helix_that_cannot_be_is_refused", {"omitted_param": "zero", "plane_base": "0"}),
+    ("axes_are_those_of_power_on", {"plane_base": "0"}),
+    ("at_rest_every_command_is_served", {"cc_unsupported": "executed"}),
+    ("while_a_contour_is_entered_little_is_served", {"cc_unsupported": "executed"}),
+    ("a_full_queue_is_told", {"quit_flushes_queue": "false"}),
+    ("quit_stops_and_forgets", {"quit_flushes_queue": "false", "queue_depth": "2"}),
+    (
+        "settings_are_served_and_refused_at_their_edges",
+        {"speed_range_policy": "clip", "long_max": "2147000000", "long_min": "-2147000000"},
+    ),
+    (
+        "settings_are_served_and_refused_at_their_edges",
+        {"speed_range_policy": "clip", "negative_v": "minus_one_only"},
+    ),
     ("in_a_configuration_every_command_is_a_line", {"prog_check": "run"}),
     *(
         (name, {"queue_depth": depth})
@@ -88,11 +106,34 @@ def test_a_number_that_is_too_large_to_be_measured_stays_open(switch: str, value
         assert failures(CHECKS[name], twin({switch: value})) == {}
 
 
+@pytest.mark.parametrize(
+    ("trailer", "null", "left"),
+    [("05", "true", ("empty_line",)), ("05", "false", ("done", "empty_line")),
+     ("0500", "true", ("done", "empty_line")), ("06", "true", ("empty_line",))],
+)  # fmt: skip
+def test_a_line_without_text_may_look_like_a_done(
+    trailer: str, null: str, left: tuple[str, ...]
+) -> None:
+    """A trailer of the same bytes hides it; one of others does not."""
+    known = {"data_packet_trailer": trailer, "outcome_null": null}
+    board, probe = twin(known | {"readprogram_end": "empty_line"}), PROBES["readprogram_end"]
+    assert probe.look(session_of(board, probe.check, readings=known)).readings == left
+
+
 def test_motors_are_numbered_where_no_parameter_may_be_omitted() -> None:
     """P is asked with all three of them."""
     board, probe = twin({"plane_base": "0", "omitted_param": "error"}), PROBES["plane_base"]
     session = session_of(board, probe.check, readings={"omitted_param": "error"})
     assert probe.look(session).readings == ("0",)
+
+
+def test_a_number_is_read_at_any_length() -> None:
+    """A board with room for it gets one of 9000 digits, more than Python reads as a number."""
+    text = "L" + "1" * 9000
+    driver = BoardDriver(session_of(twin({})))
+    assert isinstance(read_command(text, driver.reading), Refusal)
+    assert driver.client.limit_s(text) > driver.client.limit_s("L1")
+    assert codec.number_in("-" + "0" * 9000 + "7") == -7
 
 
 def test_a_measurement_asked_for_behind_a_space_is_waited_for() -> None:

@@ -95,6 +95,11 @@ WRONG: dict[str, tuple[Turn, str]] = {
     "another name": (
         lambda raw: body_of(raw, lambda body: b"X" + body[1:]), "MSC-CMD-04",
     ),
+    "name with a letter twice": (lambda raw: raw[:8] + raw[7:], "MSC-CMD-04"),
+    "name without a letter": (lambda raw: raw[:7] + raw[8:], "MSC-CMD-04"),
+    "a letter of the name in lower case": (
+        lambda raw: raw[:7] + raw[7:8].lower() + raw[8:], "MSC-CMD-04",
+    ),
     "cut short": (lambda raw: raw[:5], "MSC-PKT-01"),
     "no packet": (lambda raw: b"", "MSC-CMD-05"),
 }  # fmt: skip
@@ -189,6 +194,20 @@ def test_a_line_of_seven_bits_is_a_failure(is_lossless: bool) -> None:
     result = judged(of_packets(seven_bits), is_lossless=is_lossless)
     assert result.exit_status == 1, result.sentence
     assert failed(result)
+
+
+@pytest.mark.parametrize("after", range(1, 12, 3))
+def test_a_unit_that_departs_from_some_reply_on_is_judged(after: int) -> None:
+    """Whatever the engine is about to learn then: who it is, how long an exchange takes."""
+    signs: list[bytes] = []
+
+    def later(data: bytes) -> bytes:
+        signs.extend([data] * (data == ACK))
+        return data * 2 if len(signs) > after else data
+
+    result = judged(later, is_lossless=False)
+    assert result.exit_status == 1, result.sentence
+    assert "MSC-LNK-04" in failed(result)
 
 
 @pytest.mark.parametrize("says", [b"ERROR 7\r\n", b"\x06\x13\x17", b"\x99" * 30, NAK])

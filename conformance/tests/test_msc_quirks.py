@@ -125,6 +125,33 @@ def test_three_readings_at_once_conform_with_those_three_named() -> None:
 @pytest.mark.parametrize(
     ("readings", "names"),
     [
+        (
+            "response_delay_ms=3000 invalid_unit=nak",
+            "on_rs232_other_unit_numbers_are_not_its_own",
+        ),
+        (
+            "response_delay_ms=1864 status_tail=4",
+            "the_written_exchanges_of_flags_and_status_come_byte_for_byte",
+        ),
+        (
+            "response_delay_ms=0 transport=rs485",
+            "a_sign_that_comes_while_it_talks_counts_when_it_ends",
+        ),
+        (
+            "response_delay_ms=444 noise_in_idle=nak",
+            "bytes_that_start_no_packet_are_ignored",
+        ),
+        ("response_delay_ms=444 noise_in_idle=nak", "bytes_without_02h_draw_nothing"),
+        ("response_delay_ms=444 noise_in_idle=nak", "after_any_junk_it_serves_again"),
+        (
+            "packet_timeout_ms=266 uart_error=drop_byte",
+            "a_character_without_its_stop_bit_spoils_its_packet",
+        ),
+        ("ack_timeout_ms=100 write_reply=empty_packet", "a_write_draws_the_ack_and_nothing_else"),
+        (
+            "ack_timeout_ms=110 reply_delay_ms=132 rx_while_busy=drop",
+            "a_sign_that_comes_while_it_talks_counts_when_it_ends",
+        ),
         ("packet_timeout_ms=260", "a_header_that_announces_too_much_is_refused"),
         ("packet_timeout_ms=260", "a_new_packet_ends_the_wait_for_the_hosts_sign"),
         ("ack_timeout_ms=100", "another_byte_is_no_sign"),
@@ -135,7 +162,7 @@ def test_three_readings_at_once_conform_with_those_three_named() -> None:
 )
 def test_times_at_the_edge_of_what_is_allowed_fail_no_check(readings: str, names: str) -> None:
     """The suite listens for as long as the unit was measured to take, within its time limits."""
-    query = quirks_query(dict([readings.split("=")]))
+    query = quirks_query(dict(one.split("=") for one in readings.split()))
     engine = TWINS.engine_for(query, names, level="full")
     result = engine.run(lambda event: None)
     failed = [

@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 from msc_twin import BYTE_NS, REPEATS, RESPONSE_NS, TwinPort, check_of, session_on, target_of
 
-from axistwin_conformance.base.errors import AttemptVoid
+from axistwin_conformance.base.errors import AttemptVoid, TargetError
 from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
 from axistwin_conformance.families.msc.driver import ACKED, MscDriver
+from axistwin_conformance.families.msc.snapshot import sanity
 
 
 def driver_on(port: TwinPort) -> MscDriver:
@@ -88,6 +89,47 @@ def test_the_late_nak_of_a_packet_cut_short_is_settled_away() -> None:
     driver.client.send(driver.client.request(codec.RQSTAT)[:9])
     assert driver.client.wait_until_quiet() == NAK
     assert driver.status() == 65
+
+
+def test_between_checks_a_unit_is_asked_last_what_it_answers_wrongly() -> None:
+    """The status is asked ten times in vain once, and not after every check."""
+    port = TwinPort()
+    session = session_on(port, target=target_of(port, is_lossless=False))
+    port.spoil = lambda data: b"" if b"RQSTAT" in data else data
+    assert sanity(session)
+    asked = len(port.received)
+    assert sanity(session)
+    assert port.received[asked:] == codec.packet(1, codec.rflag(0)) + ACK
+
+
+class Saying(TwinPort):
+    """It says the same byte every 10 ms, whatever is asked."""
+
+    byte = NAK
+
+    def read(self, size: int = 1) -> bytes:
+        """One more of them, as soon as it may come."""
+        self.timeout = min(self.timeout or 0, 0.01)
+        return super().read(size) or self.byte
+
+
+def test_a_unit_that_signs_without_end_fails_and_is_asked_nothing_more() -> None:
+    """No noise says NAK for half a minute and nothing else."""
+    driver = driver_on(Saying())
+    with pytest.raises(TargetError, match="sends ACK or NAK without end"):
+        driver.client.wait_until_quiet()
+    ((requirement, expected, came),) = driver.session.run.violations
+    assert (requirement, expected) == ("MSC-LNK-04", "one ACK or NAK for a packet")
+    assert came.endswith("and no end")
+
+
+def test_a_line_that_says_other_things_without_end_is_no_failing_unit() -> None:
+    """Noise never stops either."""
+    port = Saying()
+    port.byte = b"U"
+    driver = driver_on(port)
+    assert set(driver.client.wait_until_quiet()) == {ord("U")}
+    assert driver.session.run.violations == []
 
 
 def test_a_packet_with_a_wrong_checksum_is_asked_once() -> None:

@@ -232,6 +232,16 @@ def test_ten_attempts_that_fail_in_ten_ways_are_a_failure_on_a_sound_line() -> N
     assert settled(*wandering(9), PASSES)[0] is Verdict.INCONCLUSIVE, "one has held"
 
 
+def test_what_fails_alike_now_and_then_is_a_failure_where_no_noise_was_ever_seen() -> None:
+    """A device that is wrong in one reply of twenty; a trace of noise, or of haste, is a doubt."""
+    row = [FAILS, PASSES] * 5
+    assert settled(*row)[:2] == (Verdict.FAIL, replays.MOST_ATTEMPTS)
+    assert settled(*row, quality=LineQuality(10_000, 1))[0] is Verdict.INCONCLUSIVE
+    assert settled(*row, quality=LineQuality(10_000, 0, late=1))[0] is Verdict.INCONCLUSIVE
+    assert settled(*row[:9], RETRIED)[0] is Verdict.INCONCLUSIVE
+    assert settled(*row[:4], *[PASSES] * 6)[0] is Verdict.INCONCLUSIVE, "two of ten"
+
+
 def test_on_a_noisy_line_failures_at_different_places_are_not_the_device() -> None:
     """Whether it was noisy before, or becomes so meanwhile."""
     assert settled(*wandering(10), quality=LineQuality(1000, 42))[0] is Verdict.INCONCLUSIVE

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from quirk_twins import QuirkTwins, Readings
+from quirk_twins import QuirkTwins, Readings, quirks_query
 
 from axistwin.motion.ramp import RampedMotion, StopLaw
 from axistwin_conformance.base.errors import UsageError
@@ -53,7 +53,22 @@ MEETING = [
     ("running_until=profile busy_after_abort=true", "a_stopped_move_does_not_catch_up"),
     ("step_phase=start triangle_law=shared_peak", "the_ramp_has_120_increments_per_unit"),
     ("brake_increments=7 soft_stop_compare=equal", "beyond_a_software_stop_every_motion_ends"),
+    (
+        "vel_f6_direction=positive vel_reverse_cmd=refuse",
+        "the_direction_stays_whatever_the_next_15h_says",
+    ),
 ]
+# Readings of which the others hide the last one: the values that are left.
+HIDING = [
+    ({"ramp_law": "equal_increments", "triangle_law": "shared_peak"}, ("mirror", "shared_peak")),
+    (
+        {
+            "vel_f6_direction": "positive", "vel_during_position": "refuse",
+            "vel_reverse_cmd": "refuse",
+        },
+        ("ignore", "refuse"),
+    ),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("switch", "reading"), OTHERS, ids=IDS)
@@ -99,6 +114,18 @@ def test_what_lasts_longer_than_its_reply_is_waited_for(readings: Readings) -> N
 def test_readings_that_act_on_one_another_conform(readings: str, check: str) -> None:
     """What one reading makes of another is neither failed nor taken for a third."""
     TWINS.conforms_with(dict(one.split("=") for one in readings.split()), "full", check)
+
+
+@pytest.mark.parametrize(("readings", "left"), HIDING, ids=["ramp", "reversal"])
+def test_a_reading_that_others_hide_is_told_as_one_of_several(
+    readings: Readings, left: tuple[str, ...]
+) -> None:
+    """None of those that the wire does not exclude is named alone."""
+    engine, _ = TWINS.detected(quirks_query(readings))
+    *known, hidden = readings
+    found = {one.switch: one for one in engine.detections}
+    assert [found[switch].reading for switch in known] == [readings[switch] for switch in known]
+    assert (found[hidden].reading, tuple(found[hidden].candidates)) == (None, left)
 
 
 def test_inertia_shows_in_virtual_time_where_nothing_may_go_fast() -> None:
@@ -206,6 +233,8 @@ def test_detection_does_no_more_than_the_checks_asked_for() -> None:
         ('model = "mac23"\n[quirks]\nxon_bite = 1\n', "did you mean xon_byte?"),
         ('model = "mac23"\n[quirks]\nxon_byte = "12h"\n', "write 1Ah or 11h"),
         ("[quirks\n", "is not TOML"),
+        ("a = " + "9" * 5000, "is not TOML"),
+        ("a = " + "[" * 3000 + "]" * 3000, "is not TOML: nested too deep"),
         ('model = "mac23"\nquirks = 3\n', "a table of name = value"),
     ],
 )

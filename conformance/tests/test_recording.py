@@ -93,6 +93,7 @@ def test_with_a_report_it_is_named_by_its_file_and_without_by_its_hex() -> None:
     [
         (None, "No such file or directory; --replay takes a file written by --report"),
         ("\x00[", "is no recording"),
+        ("a = " + "[" * 3000 + "]" * 3000, "is no recording: nested too deep"),
         ("answer = 42", "format is missing"),
         ('format = 1\nmodel = "mac34-1"', "was recorded on a mac34-1, not on a mac23"),
         ('format = 1\nmodel = "mac23"', "holds no operations"),

@@ -72,28 +72,51 @@ def test_the_file_is_there_before_the_first_write(tmp_path: Path) -> None:
     assert content["held"]["parameters"]["0D"] == 0x0320
 
 
-def test_a_device_gets_back_what_the_file_says(tmp_path: Path) -> None:
-    """Parameters and place; nothing else is done."""
+def restored(held: dict[str, Any], **given: Any) -> tuple[int, list[str], Any]:
+    """Exit status and notes of restoring that to a new module, and its twin."""
     if TWIN_HANDLER not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(TWIN_HANDLER)
-    options = real_options()
+    options = real_options(**given)
     url = options.family.twin_url("mac23", 0, ())
     port: Any = serial.serial_for_url(url, baudrate=38400)
     twin, told = port.twins[0], list[Event]()
-    held = {"position": 100, "neighbours": {}, "parameters": {
-        f"{index:02X}": twin_value for index, twin_value in
-        {2: 0, 3: 0, 9: 5000, 10: 0xFFFFEC78, 12: 96, 13: 1600, 14: 5, 15: 3, 28: 7}.items()
-    }}  # fmt: skip
     path = keeping.keep(options, held)
     with real_time_of() as world:
         world.way = way = InterfacePort(port, PLAIN, 0)
         status = put_back(options, path, told.append, lambda _: SerialTransport(way, PORT))
-    assert [event.text for event in told if isinstance(event, Note)][1:] == [
-        f"the device holds again what {path} says"
-    ]
+    texts = [event.text.replace(str(path), "FILE") for event in told if isinstance(event, Note)]
+    return status, texts[1:], twin
+
+
+def held_at(position: int) -> dict[str, Any]:
+    """What an axis held there."""
+    parameters = {2: 0, 3: 0, 9: 2**30 - 1, 10: 0xC0000000, 12: 96, 13: 1600, 14: 5, 15: 3, 28: 7}
+    return {
+        "position": position,
+        "neighbours": {},
+        "parameters": {f"{index:02X}": value for index, value in parameters.items()},
+    }
+
+
+def test_a_device_gets_back_what_the_file_says() -> None:
+    """Parameters and place; nothing else is done."""
+    status, notes, twin = restored(held_at(100))
+    assert notes == ["the device holds again what FILE says"]
     assert status == 0
     assert int(twin.position) == 100
     assert twin.cells["period"] == 1600
+
+
+def test_an_axis_too_far_from_home_is_told_with_what_drives_it_back() -> None:
+    """A killed run may leave it anywhere; so long a way needs leave, and the rest is put back."""
+    status, notes, twin = restored(held_at(50_000))
+    assert status == 1
+    assert [note for note in notes if "--restore FILE --max-travel 50000 drives it" in note]
+    assert int(twin.position) == 0
+    assert twin.cells["period"] == 1600
+    status, notes, twin = restored(held_at(50_000), max_travel=50_000)
+    assert status == 0
+    assert int(twin.position) == 50_000
 
 
 def test_what_is_kept_of_an_axis_and_of_a_controller_reads_back() -> None:

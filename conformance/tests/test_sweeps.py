@@ -231,6 +231,48 @@ def test_why_a_reading_is_not_told_is_in_the_row() -> None:
     assert outcome == ("unread", "power_on_at_boot: nothing on the line tells")
 
 
+def test_no_module_refuses_the_torque_that_it_has() -> None:
+    """Its own, or the highest one: a host could not put that back."""
+    assert not go_together({"torque_range": "exclusive", "factory_torque": "128"})
+    assert not go_together({"torque_range": "exclusive", "imax_value": "96"})
+    assert go_together({"torque_range": "exclusive", "factory_torque": "127"})
+    assert go_together({"factory_torque": "255"})
+
+
+def test_hold_that_never_goes_off_is_not_drawn() -> None:
+    """Without a parameter of H, another reading must end it."""
+    assert not go_together({"hold_takes_arg": "false"})
+    assert go_together({"hold_takes_arg": "false", "hold_bare_arg": "toggle"})
+    assert {"hold_takes_arg": "false"} not in singles("mn400", "7")
+
+
+def test_what_is_of_rs232_alone_is_not_drawn_on_rs485() -> None:
+    """Nothing on the wire could tell it."""
+    assert not go_together({"transport": "rs485", "rs232_unit_check": "nak"})
+    assert go_together({"transport": "rs232", "rs232_unit_check": "nak"})
+
+
+def test_a_data_area_ends_with_a_whole_variable() -> None:
+    """An odd address is no variable's."""
+    sizes = [one["data_size"] for one in singles("msc-250", "7") if "data_size" in one]
+    assert sizes
+    assert all(int(size) % 2 == 0 for size in sizes)
+
+
+def test_the_table_counts_each_pair_of_readings_once() -> None:
+    """And only those of devices that were judged as they are."""
+    sweep = QuirkSweep(Setting("mac23", "virtual", "quick", 300), seed=1)
+    rows = [
+        {"outcome": outcome, "readings": dict(word.split("=") for word in words.split())}
+        for outcome, words in (
+            ("sound", "a=1 b=1 c=1"), ("unread", "b=1 a=1"), ("sound", "a=1 b=2"),
+            ("failed", "a=9 b=9"), ("sound", ""),
+        )
+    ]  # fmt: skip
+    told = "rightly judged: 4 readings, 4 pairs of readings, 3 pairs of switches"
+    assert told in sweep.table(rows)
+
+
 def test_no_device_without_torque_has_inertia() -> None:
     """Each by itself is drawn, and any other torque beside inertia."""
     inert, powerless = {"plant": "inertial"}, {"factory_torque": "0"}
@@ -300,6 +342,24 @@ def test_a_twin_that_turns_on_the_spot_while_it_is_looked_at_is_no_device(
         with pytest.raises(RuntimeError, match="never comes to an end"):
             getattr(device, look)(0)
     assert tally.crash == "never comes to an end"
+
+
+@pytest.mark.parametrize(
+    "inner",
+    [
+        SimpleNamespace(wake=lambda now: [], next_event=lambda: 5),
+        SimpleNamespace(quiet_prefix=lambda data: -1),
+    ],
+    ids=["wants to be woken again at once", "hears fewer bytes than none"],
+)
+def test_a_twin_that_gets_no_further_is_no_device(inner: SimpleNamespace) -> None:
+    """The line would wait for it for ever, or call it a mistake of its own."""
+    tally = Tally(said=1, hits=1)
+    device = wrong_device.WrongDevice(inner, Fault("none", ""), FORMATS["msc-250"], tally)
+    with pytest.raises(RuntimeError, match="never comes to an end"):
+        device.wake(5) if hasattr(inner, "wake") else device.quiet_prefix(b"0")
+    told = FaultSweep._outcome({"hang": "100 s of processor time"}, tally)
+    assert told == ("no device", "never comes to an end")
 
 
 @pytest.mark.strength

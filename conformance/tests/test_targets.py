@@ -134,6 +134,20 @@ def test_the_round_trip_counts_only_exchanges_that_succeed(toy: Any) -> None:
     assert target.uncertainty_ns == 4_000_000
 
 
+def test_exchanges_that_all_fail_are_timed_for_two_minutes_at_most(toy: Any) -> None:
+    """Each may take a minute, of a device that answers one question of three."""
+    target = toy.open(())
+    asked: list[int] = []
+
+    def exchange() -> bool:
+        asked.append(target.now_ns)
+        target.wait(70)
+        return False
+
+    assert target.measure_round_trip(exchange, 20).samples == 0
+    assert len(asked) == 2
+
+
 def test_nothing_passes_a_closed_gate(toy: Any) -> None:
     """The gate sees every byte before the port does."""
     target = toy.open(())

@@ -15,7 +15,7 @@ import can
 import canopen_talk
 import pytest
 from can_clients import frame_of, message
-from served import eventually
+from served import eventually, falls_quiet
 from served_bus import POSITION, TIMEOUT_S, ServedBus, client, receive
 from spy_storage import Disk
 
@@ -130,14 +130,12 @@ def test_a_frame_is_heard_when_it_is_complete(hub: Hub) -> None:
     with client(hub.tcp.client_line) as bus, client(hub.daemon.client_line) as listener:
         took = []
         for _ in range(20):
-            began = time.monotonic()
+            sent_at, began = time.time(), time.monotonic()
             bus.send(POSITION)
             reply = receive(listener, 0x581)
             took.append(time.monotonic() - began)
-            assert abs(reply.timestamp - time.time()) < 0.5
-        two_frames_s = 2 * 108 / hub.bus.bitrate
-        assert min(took) > two_frames_s
-        assert min(took) < two_frames_s + 0.01
+            assert sent_at < reply.timestamp < time.time()
+        assert min(took) > 2 * 108 / hub.bus.bitrate
 
 
 def test_remote_and_extended_frames_pass(fast_hub: Hub) -> None:
@@ -327,12 +325,12 @@ def test_a_client_that_is_held_back_and_gone_is_noticed(hub: Hub, kind: str) -> 
     if kind == "pty":
         fd = os.open(hub.pty.url, os.O_RDWR | os.O_NOCTTY)
         os.write(fd, flood)
-        time.sleep(0.05)
+        assert eventually(lambda: "connected" in hub.names())
         os.close(fd)
     else:
         with connect(hub.tcp) as connection:
             connection.sendall(flood)
-            time.sleep(0.05)
+            assert eventually(lambda: "connected" in hub.names())
     assert eventually(lambda: "disconnected" in hub.names())
     for twin in hub.bus.twins:
         twin.power_on()
@@ -347,8 +345,6 @@ def test_a_client_that_is_held_back_and_gone_is_noticed(hub: Hub, kind: str) -> 
 def test_a_bus_at_rest_costs_nothing(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a client that is silent, nothing is done until something happens."""
     with client(hub.tcp.client_line) as bus:
-        converse(bus)
-        time.sleep(0.05)
         pumps: list[float] = []
         pump = hub.server.pump
 
@@ -357,8 +353,9 @@ def test_a_bus_at_rest_costs_nothing(hub: Hub, monkeypatch: pytest.MonkeyPatch) 
             pump()
 
         monkeypatch.setattr(hub.server, "pump", counted)
-        time.sleep(0.3)
-        assert pumps == []
+        converse(bus)
+        assert pumps
+        assert falls_quiet(lambda: len(pumps), 0.3)
 
 
 def test_an_axis_that_moves_is_saved(tmp_path: Path) -> None:

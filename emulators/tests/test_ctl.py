@@ -239,10 +239,10 @@ def shown_commands() -> Iterator[tuple[str, str]]:
 
 
 def test_the_commands_of_the_page_do_what_it_says(tmp_path: Path) -> None:
-    """One after the other, as a reader types them."""
+    """One after the other, as a reader types them, who is soon enough to see the start-up."""
     commands = list(shown_commands())
     assert len(commands) > 8
-    with daemon(tmp_path, "mac23", *RUN) as process:
+    with daemon(tmp_path, "mac23", *RUN, "--speed", "0.1") as process:
         address = process.event()["control"].removeprefix("http://")
         for command, output in commands:
             done = subprocess.run(

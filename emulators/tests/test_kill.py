@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from daemon_process import Daemon, daemon
+from daemon_process import TIMEOUT_S, Daemon, daemon
 from kill_rounds import Served, survive_kills
 from mac_frames import ACCEPTED, request
 from stored_values import MacMemory
@@ -26,7 +26,7 @@ def twin(folder: Path) -> Iterator[tuple[Daemon, serial.SerialBase]]:
     arguments = ("mac23:0", "--pty", "./pty", "--state", "./state", "--no-pacing", "--json")
     with daemon(folder, *arguments) as process:
         assert process.event()["event"] == "ready"
-        with serial.Serial(str(folder / "pty"), 38400, timeout=2) as port:
+        with serial.Serial(str(folder / "pty"), 38400, timeout=TIMEOUT_S) as port:
             yield process, port
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from daemon_process import daemon
+from daemon_process import TIMEOUT_S, daemon
 from kill_rounds import Served, survive_kills
 from stored_values import Mn400Memory
 
@@ -19,7 +19,7 @@ def stored(folder: Path) -> Iterator[Served]:
     arguments = ("mn400", "--pty", "./pty", "--state", "./state", *quick)
     with daemon(folder, *arguments) as process:
         assert process.event()["event"] == "ready"
-        with serial.Serial(str(folder / "pty"), 9600, timeout=2) as port:
+        with serial.Serial(str(folder / "pty"), 9600, timeout=TIMEOUT_S) as port:
             yield Served(process.process.pid, [Mn400Memory(port)])
 
 
@@ -37,7 +37,7 @@ def test_a_torn_program_is_noticed(tmp_path: Path) -> None:
         assert {memory.read(cell) for cell in memory.cells} == {0}
     with daemon(tmp_path, "mn400", "--pty", "./pty", "--no-pacing", "--json") as process:
         process.event()
-        with serial.Serial(str(tmp_path / "pty"), 9600, timeout=2) as port:
+        with serial.Serial(str(tmp_path / "pty"), 9600, timeout=TIMEOUT_S) as port:
             board = Mn400Memory(port)
             mixed = [*board.lines_of(0, 8)[:-1], board.lines_of(0, 17)[-1]]
             for line in ("Z", *mixed, "\x04"):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from daemon_process import daemon
+from daemon_process import TIMEOUT_S, daemon
 from kill_rounds import Served, survive_kills
 from stored_values import MscMemory
 
@@ -25,7 +25,7 @@ def stored(folder: Path) -> Iterator[Served]:
     arguments = ("msc-250", "--pty", "./pty", "--state", "./state", *QUICK)
     with daemon(folder, *arguments) as process:
         assert process.event()["event"] == "ready"
-        with serial.Serial(str(folder / "pty"), 9600, timeout=2) as port:
+        with serial.Serial(str(folder / "pty"), 9600, timeout=TIMEOUT_S) as port:
             yield Served(process.process.pid, [MscMemory(port)])
 
 

@@ -290,10 +290,10 @@ def test_in_real_time_waiting_ends_when_bytes_arrive() -> None:
     line, _ = paced_line()
     begin = time.monotonic()
     line.send(b"P")
-    line.wait(line.sync() + 5 * NS_PER_S, 4)
+    line.wait(line.sync() + 60 * NS_PER_S, 4)
     took = time.monotonic() - begin
     assert line.receive() == bytes(4)
-    assert 0.0023 <= took < 2.0
+    assert 0.0023 <= took < 30
 
 
 def test_in_scaled_time_an_hour_takes_milliseconds() -> None:
@@ -301,7 +301,7 @@ def test_in_scaled_time_an_hour_takes_milliseconds() -> None:
     line, _ = paced_line(speed=100_000.0)
     begin = time.monotonic()
     line.advance(3600 * NS_PER_S)
-    assert 0.036 <= time.monotonic() - begin < 5.0
+    assert 0.036 <= time.monotonic() - begin < 30
 
 
 def test_another_thread_can_wake_a_waiting_one_and_feed_it() -> None:

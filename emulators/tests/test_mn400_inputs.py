@@ -66,9 +66,10 @@ def test_a_limit_of_an_axis_that_rests_stops_nothing() -> None:
     assert bench.value("/") == "0"
 
 
-def test_a_motion_towards_a_limit_that_is_on_makes_no_step() -> None:
+@pytest.mark.parametrize("phase", ["end", "start"])
+def test_a_motion_towards_a_limit_that_is_on_makes_no_step(phase: str) -> None:
     """It is accepted, and the exit code is set (MN4-LIM-06); | clears it (MN4-CMD-EXIT-03)."""
-    bench = Mn400Bench()
+    bench = Mn400Bench(step_phase=phase)
     bench.switch("m1_plus")
     assert bench.say("M500,-5") == "S D"
     assert bench.value("/") == "2"
@@ -351,6 +352,16 @@ def test_a_thread_follows_the_pulses() -> None:
     assert pulses(bench, 1000)[:2] == [500, -250]
     assert bench.value("/") == "0"
     assert bench.device.describe(bench.now).state == "RDY"
+
+
+def test_without_pulses_a_thread_makes_no_step_however_early_steps_are() -> None:
+    """The first one comes with a pulse (MN4-THR-01, MN4-THR-04)."""
+    bench = Mn400Bench(step_phase="start")
+    assert bench.say("T10,0,0,0,10") == "S D"
+    bench.perform(bench.device.index_pulse(bench.now))
+    bench.wait(1000)
+    assert bench.peek()[0] == 0
+    assert [pulses(bench, count)[0] for count in (1, 4, 5)] == [1, 5, 10]
 
 
 def test_a_thread_needs_no_more_than_a_step_per_pulse_and_can_be_quit() -> None:

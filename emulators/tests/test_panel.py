@@ -7,7 +7,14 @@ from typing import Any, Literal, cast
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    BrowserContext,
+    Locator,
+    Page,
+    expect,
+    sync_playwright,
+)
 from served_control import TIMEOUT_S, ServedControl
 
 from axistwin.catalog import find_model
@@ -291,21 +298,61 @@ def test_a_field_follows_what_is_set_back_at_once(page: Page, served: ServedCont
     expect(field).to_have_value("25")
 
 
-def test_the_keyboard_alone_is_enough(page: Page) -> None:
-    """To a device, to its first switch, and there and back."""
+def tab_to(page: Page, wanted: Locator) -> None:
+    """Press Tab until it has the focus."""
+    for _ in range(100):
+        page.keyboard.press("Tab")
+        if wanted.evaluate("each => each === document.activeElement"):
+            return
+    pytest.fail(f"Tab does not reach {wanted}")
+
+
+def test_the_keyboard_alone_works_a_device(page: Page) -> None:
+    """To the device, its supply, its first switch, and a fault on the wire, added and removed."""
     expect(page.locator(".card")).to_have_count(4)
-    page.get_by_role("link", name="mac23:0").focus()
+    tab_to(page, page.get_by_role("link", name="mac23:0"))
     page.keyboard.press("Enter")
     expect(page.get_by_role("heading", level=1)).to_be_focused()
-    reference = page.get_by_role("switch", name="Reference")
-    for _ in range(20):
-        page.keyboard.press("Tab")
-        if reference.evaluate("each => each === document.activeElement"):
-            break
-    expect(reference).to_be_focused()
-    for checked in ("true", "false"):
-        page.keyboard.press("Space")
-        expect(reference).to_have_attribute("aria-checked", checked)
+    for name in ("Power", "Reference"):
+        wanted = page.get_by_role("switch", name=name, exact=True)
+        tab_to(page, wanted)
+        was_on = wanted.get_attribute("aria-checked") == "true"
+        for is_on in (not was_on, was_on):
+            page.keyboard.press("Space")
+            expect(wanted).to_have_attribute("aria-checked", str(is_on).lower())
+    form = page.get_by_role("form", name="Add a fault")
+    tab_to(page, form.get_by_label("Kind"))
+    page.keyboard.type("drop")
+    tab_to(page, form.get_by_label("Times"))
+    page.keyboard.type("2")
+    page.keyboard.press("Enter")
+    expect(page.locator("[data-fault]")).to_have_text("seen 0, acted 0")
+    remove = page.get_by_role("button", name="Remove fault")
+    page.keyboard.press("Shift+Tab")
+    tab_to(page, remove)
+    page.keyboard.press("Enter")
+    expect(page.locator("[data-fault]")).to_have_count(0)
+
+
+def test_the_keyboard_alone_searches_the_traffic(page: Page, served: ServedControl) -> None:
+    """It is held still, searched, and walked through."""
+    say(served, BOARD, "E")
+    expect(page.locator(".card")).to_have_count(4)
+    tab_to(page, page.get_by_role("link", name="Traffic").last)
+    page.keyboard.press("Enter")
+    expect(page.locator(".traffic .message").last).to_be_visible()
+    traffic = page.get_by_role("region", name="Traffic")
+    tab_to(page, traffic.get_by_role("button", name="Pause"))
+    page.keyboard.press("Enter")
+    expect(page.locator("[data-counts]")).to_contain_text("paused")
+    tab_to(page, page.get_by_label("Search"))
+    page.keyboard.type("readposition")
+    page.keyboard.press("Enter")
+    expect(page.locator(".detail")).to_contain_text("ReadPosition")
+    tab_to(page, page.get_by_role("listbox"))
+    expect(page.locator(".detail")).to_contain_text("from the host")
+    page.keyboard.press("ArrowDown")
+    expect(page.locator(".detail")).to_contain_text("ReadPosition: START")
 
 
 @pytest.mark.parametrize("device", ["", "mac23:0", "msc-250:1", BOARD, f"line of {BOARD}"])

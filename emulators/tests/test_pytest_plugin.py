@@ -267,7 +267,7 @@ def test_a_twin_that_fails_is_an_error_of_the_test(pytester: pytest.Pytester) ->
                 raise StateError("state: cannot be written (no room); make room")
 
             monkeypatch.setattr(Line, "exchange", fail)
-            with serial.Serial(twin.port, 38400, timeout=0.2) as port:
+            with serial.Serial(twin.port, 38400, timeout=20) as port:
                 port.write(b"x")
                 try:
                     port.read(1)
@@ -410,7 +410,7 @@ def test_after(axistwin):
     result = run(pytester)
     result.assert_outcomes(failed=7)
     text = result.stdout.str()
-    assert len(re.findall(r"The test slept 0\.\d\d s of real time", text)) == 5
+    assert len(re.findall(r"The test slept \d+\.\d\d s of real time", text)) == 5
     assert text.count("with host_clock=True, or add") == 5
 
 

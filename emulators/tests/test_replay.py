@@ -1,5 +1,7 @@
 """``axistwin replay``: a recording compared with what a twin says, and quirks that explain it."""
 
+import random
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +133,52 @@ def test_a_twin_that_is_slower_within_the_window_says_the_same(latency_us: int) 
     Path("fast.txt").write_text("\n".join(queries), "utf-8")
     exchanges = read_capture(catalog.find_model("mac23"), "fast.txt")
     assert not found("mac23", exchanges, reply_latency_us=latency_us)
+
+
+POLLS: dict[str, tuple[str, ...]] = {
+    "mac23": ("go to 20000", *["position?"] * 40, "status?"),
+    "mac23-can": ("go to 20000", *["position?"] * 40, "status?"),
+    "mn400": ("V2000", "M5000,-700", *["E"] * 20, "N", "wait 500 ms", "E"),
+}
+"""Of every family with axes: asked again and again while they move."""
+
+OTHER_MOTION: dict[str, tuple[str, Any]] = {
+    "mac23": ("factory_ramp", 255),
+    "mac23-can": ("factory_ramp", 255),
+    "mn400": ("accel_scale", "0.5"),
+}
+"""A quirk by which they move otherwise."""
+
+
+def polled(name: str, **quirks: Any) -> list[Exchange]:
+    """Recorded by somebody whose times are up to 2 ms off."""
+    rng = random.Random(name)
+    record(Path("capture.txt"), name, POLLS[name], quirks)
+    return [
+        replace(each, request=replace(each.request, at_ns=each.request.at_ns + off_ns))
+        for each in read_capture(catalog.find_model(name), "capture.txt")
+        for off_ns in [rng.randrange(-2 * NS_PER_MS, 2 * NS_PER_MS)]
+    ]
+
+
+@pytest.mark.parametrize("name", POLLS)
+def test_a_position_in_motion_is_the_same_if_the_twin_has_it_soon(name: str) -> None:
+    """The recorded times of messages are not quite those of the device."""
+    exchanges = polled(name)
+    strict = found(name, exchanges, 0)
+    assert len([each for each in strict if each.is_content]) >= 10
+    assert found(name, exchanges, 50 * NS_PER_MS) == []
+    assert len([each for each in found(name, exchanges, 5 * NS_PER_MS) if each.is_content]) >= 3
+
+
+@pytest.mark.parametrize("name", OTHER_MOTION)
+def test_another_motion_is_a_difference_all_the_same(name: str) -> None:
+    """No instant within the window has these positions."""
+    quirk, value = OTHER_MOTION[name]
+    exchanges = polled(name, **{quirk: value})
+    differing = found(name, exchanges, 50 * NS_PER_MS)
+    assert len(differing) >= 5
+    assert found(name, exchanges, 50 * NS_PER_MS, **{quirk: value}) == []
 
 
 def test_a_recording_that_breaks_off_is_no_difference() -> None:

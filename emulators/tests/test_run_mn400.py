@@ -1,11 +1,13 @@
 """``axistwin run`` and the URL with an MN400, as the other families have them."""
 
+import re
+import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
 import serial
-from daemon_process import TIMEOUT_S, daemon
+from daemon_process import TIMEOUT_S, daemon, invoke
 
 import axistwin  # noqa: F401  registers the URL
 from axistwin.devices.mn400.link.packets import packet
@@ -76,3 +78,21 @@ def test_a_board_behind_the_url_is_worked_by_its_controls() -> None:
     )
     assert ask(fast, 1, b"*")[-4:] == bytes.fromhex("16 00 81 42")
     assert fast.twins[0].configuration_lines == ["~4"]
+
+
+def test_the_commands_of_the_page_on_the_mn100_do_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """DONE of the move comes in the pause behind it, and E has one number."""
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "run-mn100-programs.md"
+    (run, *_), (send, *_) = (
+        re.findall(rf"^\$ axistwin ({name} .*)$", page.read_text("utf-8"), re.MULTILINE)
+        for name in ("run", "send")
+    )
+    monkeypatch.chdir(tmp_path)
+    with daemon(tmp_path, *shlex.split(run)[1:]) as process:
+        assert process.line().startswith("ready mn400:2 pty=./mn400 ")
+        said = invoke(*shlex.split(send, comments=True)).stdout
+        assert re.findall(r"Mover: (\w+)", said) == ["START", "DONE"]
+        assert re.search(r"ReadPosition.* 1000 \(board 2\)\n$", said)
+        assert process.end()[0] == 0

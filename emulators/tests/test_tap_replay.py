@@ -10,12 +10,12 @@ from axistwin import catalog
 pytestmark = pytest.mark.system
 
 TALKS = {
-    "mac23": ("position?", "go to 300", "wait 1 s", "position?", "stop", "99h", "status?"),
-    "mac23-can": ("position?", "go to 300", "wait 1 s", "position?", "stop", "status?"),
+    "mac23": ("go to 9000", *["position?"] * 9, "wait 3 s", "position?", "stop", "99h", "status?"),
+    "mac23-can": ("go to 9000", *["position?"] * 9, "wait 3 s", "position?", "stop", "status?"),
     "msc-250": ("RQSTAT", "DWRITE 2008 -5", "DREAD 2008", "SFLAG 200", "RFLAG 200", "DREAD 9"),
-    "mn400": ("V500", "M100,50", "wait 1 s", "E", "X3"),
+    "mn400": ("V500", "M800,50", *["E"] * 9, "wait 2 s", "E", "X3"),
 }
-"""In which nothing that is asked for depends on a millisecond."""
+"""With positions in motion, if it has any."""
 
 CHANGES = {
     "mac23": ("xon_byte", "11h"),

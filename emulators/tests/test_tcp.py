@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 import serial
-from served import EVERY_BYTE, TIMEOUT_S, Served, eventually
+from served import EVERY_BYTE, TIMEOUT_S, Served, eventually, falls_quiet
 
 from axistwin import catalog
 from axistwin.errors import PortError, UsageError
@@ -110,6 +110,8 @@ def test_a_client_that_floods_does_not_shut_out_another(bench: Bench) -> None:
         flooder.settimeout(0.3)
         with contextlib.suppress(TimeoutError):
             flooder.sendall(b"x" * 20_000_000)
+        assert eventually(lambda: bench.line.host_backlog > 0)
+        assert falls_quiet(lambda: bench.line.host_backlog)
         backlog = bench.line.host_backlog
         assert backlog <= 4096
         other.sendall(b"polite")

@@ -359,6 +359,42 @@ def test_frames_meet_the_faults_too(pacing: bool) -> None:
         assert [each.acted for each in faults] == [1] * 5
 
 
+@pytest.mark.parametrize("pacing", [True, False], ids=["paced", "unpaced"])
+@pytest.mark.parametrize("selection", [{}, {"direction": "to_host"}, {"direction": "to_device"}])
+def test_nothing_passes_while_a_bus_is_cut(pacing: bool, selection: dict[str, Any]) -> None:
+    """In the direction of the fault; then all is well."""
+    with testing.start("mac23-can:1", time="virtual", pacing=pacing) as started:
+        number = started.line.faults.add("disconnect", duration_ms=10_000, **selection)
+        for _ in range(3):
+            assert answers(started) == []
+        assert started.line.faults[number].acted == 1
+        started.advance(10)
+        assert [data for _, data in answers(started)] == [ANSWER]
+
+
+def test_a_frame_that_comes_late_is_lost_on_a_bus_that_was_cut_meanwhile() -> None:
+    """What counts is when it would be heard."""
+    with testing.start("mac23-can:1", time="virtual") as started:
+        started.line.faults.add("delay", direction="to_host", duration_ms=30)
+        started.bus.send(ASK_POSITION)
+        started.advance(0.010)
+        started.line.faults.add("disconnect", duration_ms=50)
+        assert started.bus.recv(0.2) is None
+        assert [data for _, data in answers(started)] == [ANSWER]
+
+
+def test_jitter_of_frames_is_drawn_within_its_bound() -> None:
+    """Every frame by itself, and in their order."""
+    with testing.start("mac23-can:1", time="virtual") as started:
+        ((usual_us, _),) = answers(started)
+        started.line.faults.add("jitter", direction="to_host", duration_ms=20, chance=1)
+        extra_us = [answers(started)[0][0] - usual_us for _ in range(20)]
+        assert min(extra_us) >= 0
+        assert max(extra_us) <= 20_000
+        assert len(set(extra_us)) == 20
+        assert max(extra_us) - min(extra_us) > 10_000
+
+
 def test_error_frames_cost_time_and_count_as_errors() -> None:
     """The controller sends again by itself; both ends count."""
     with testing.start("mac23-can:1", time="virtual") as started:
@@ -443,7 +479,7 @@ def test_no_family_needs_anything_for_it(device: str, words: str) -> None:
         ("serial", {"kind": "dorp"}, "kind 'dorp': did you mean drop?"),
         ("serial", {}, "kind is missing: known: break, busy"),
         ("serial", {"kind": "error_frame"}, "kind 'error_frame' is not for a serial line: known"),
-        ("can", {"kind": "jitter"}, "kind 'jitter' is not for a CAN bus: known: corrupt, drop"),
+        ("can", {"kind": "break"}, "kind 'break' is not for a CAN bus: known: corrupt, drop"),
         ("serial", {"kind": "drop", "direction": "host"}, "direction 'host': known: both"),
         ("serial", {"kind": "drop", "count": 0}, "count 0 is out of range: 1..1000000000"),
         ("serial", {"kind": "drop", "count": 1.5}, "count 1.5: write a whole number"),

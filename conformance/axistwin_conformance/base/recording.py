@@ -125,6 +125,8 @@ def load_recording(word: str, model: str, size: int) -> Recording:
         if len(data) > MOST_BYTES:
             raise ValueError(f"longer than {MOST_BYTES} bytes")
         told = tomllib.loads(data.decode("utf-8"))
+    except RecursionError:
+        raise UsageError(f"{path} is no recording: nested too deep") from None
     except ValueError as error:  # of TOML or of UTF-8
         raise UsageError(f"{path} is no recording: {error}") from error
     return _recording(path, told, model, size)

@@ -98,7 +98,9 @@ def load_profile(path: Path, model: str, ledger: Ledger) -> dict[str, str]:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"cannot read the profile {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise UsageError(f"the profile {path} is not TOML: nested too deep") from None
+    except ValueError as error:  # of TOML, of UTF-8, or a number with too many digits
         raise UsageError(f"the profile {path} is not TOML: {error}") from error
     for key in data:
         if key not in KEYS:

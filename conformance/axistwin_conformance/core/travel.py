@@ -62,9 +62,9 @@ class TravelSettings(Settings):
         ]
 
     def within(self, safety: str) -> str:
-        """How far and how fast axes are moved."""
+        """How far and how fast axes are moved, and what becomes of what is stored."""
         if safety != "motion":
-            return ""
+            return "read first and put back"
         if not self.envelope.is_guarded:
             return "without bounds: a twin cannot be harmed"
         return (

@@ -20,7 +20,8 @@ k times by noise alone has the chance p to the power of k; k is taken so that it
 (`LineQuality.alike_needed`), and one in ten thousand that any k of all attempts are alike.  What
 needs more replays than there are stays inconclusive, k of n.  Where all attempts fail, each in
 another way, and the line corrupts nothing beside (`_is_sound`), it is the device that is wrong in
-many ways.
+many ways.  Where so many fail alike, though others hold, and the line has neither corrupted nor
+delayed anything in the whole run, it is wrong now and then.
 """
 
 from __future__ import annotations
@@ -150,6 +151,18 @@ class Replays:
             self._surprise(one) and not one.is_void and not one.late for one in self._all
         )
 
+    def _wrong_now_and_then(self) -> Attempt | None:
+        """An attempt of those that failed alike, more often than noise does it, on a line that has
+        never corrupted or delayed anything; None if there are none."""
+        quality = self._quality
+        if quality.corrupted or quality.late or not all(one.is_quiet for one in self._all):
+            return None
+        for one in self._all:
+            alike = self._alike(surprise) if (surprise := self._surprise(one)) else 0
+            if alike >= quality.alike_needed and not self._is_by_chance(alike):
+                return one
+        return None
+
     def _is_promising(self) -> bool:
         """True if more attempts may settle it: all fail, some of them alike, not yet enough.
 
@@ -239,6 +252,10 @@ class Replays:
         if self._is_wrong_in_many_ways():
             text = f"all {len(self._all)} attempts failed, in many ways, and nothing else did"
             return self._with_history(self._all[-1].result, text)
+        if (one := self._wrong_now_and_then()) is not None:
+            count = self._alike(self._surprise(one))
+            text = f"{count} of {len(self._all)} attempts failed alike: now and then, and no noise"
+            return self._with_history(one.result, text)
         return self._inconclusive(passed, surprises)
 
     def _inconclusive(

@@ -53,7 +53,7 @@ from axistwin_conformance.engine.plan import Options, Plan, make_plan
 from axistwin_conformance.engine.result import CheckResult, Result
 from axistwin_conformance.engine.soak import Soak
 from axistwin_conformance.transport.kinds import BUS, LINE
-from axistwin_conformance.transport.transport import Transport
+from axistwin_conformance.transport.transport import RoundTrip, Transport
 
 __all__ = ["Engine", "Envelope", "Options", "Session"]
 
@@ -256,7 +256,7 @@ class Engine:
             raise
 
     def _identify(self, run: Run) -> None:
-        target, session = run.target, Session(run)
+        target = run.target
         # What is learnt from here on, kept on any way out.
         self._result.readings, self._result.detections = run.readings, run.detections
         run.identity = self._guard.climbing(run, "identity", self.family.identify, is_blamed=False)
@@ -265,8 +265,13 @@ class Engine:
         self._meet_neighbours(run)
         # Virtual time has no jitter: three exchanges show what twenty would.
         samples = 3 if target.is_virtual else ROUND_TRIPS
-        trip = target.measure_round_trip(lambda: self._is_sound(session), samples)
-        self._guard.note_retries(session)
+
+        def measured(session: Session) -> RoundTrip:
+            trip = target.measure_round_trip(lambda: self._is_sound(session), samples)
+            self._guard.note_retries(session)
+            return trip
+
+        trip = self._guard.climbing(run, "identity", measured, is_blamed=False)
         self._bound(target, trip.median_ns)
         if not target.is_virtual:
             known_ms = target.uncertainty_ns / 1e6

@@ -42,6 +42,7 @@ STOP_HEARD_NS = 50_000_000  # the reply to a stop takes 3 ms at 9600 baud
 MOST_PAUSES = 20  # a device that never stops talking is not waited for
 USUAL_WAY_NS = 25_000_000  # half of the shortest time for which a silence is listened to
 SLOWEST_JUDGED_NS = 200_000_000  # an exchange: the checks know how to wait for one of that length
+MOST_IN_VAIN_NS = 120_000_000_000  # for which exchanges that all fail are timed
 TWIN_PREFIX = "axistwin:"  # what opens a twin in this process, on a line or on a bus
 
 
@@ -212,10 +213,14 @@ class Transport(ABC):
         return self.round_trip.max_ns
 
     def measure_round_trip(self, exchange: Callable[[], bool], samples: int) -> RoundTrip:
-        """Time `exchange` while nothing else is said; only the ones that succeed count."""
+        """Time `exchange` while nothing else is said; only the ones that succeed count.  Where none
+        does, that ends after `MOST_IN_VAIN_NS`."""
         taken: list[int] = []
         own: list[int] = []
+        begun_ns = self.now_ns
         for _ in range(samples):
+            if not taken and self.now_ns - begun_ns > MOST_IN_VAIN_NS:
+                break
             self.lateness.forget()
             started_ns, position = self.now_ns, self.transcript.position
             if exchange() and not (self.lateness.recent and taken):

@@ -34,6 +34,7 @@ SOUND: Mapping[str, tuple[int, int]] = {
     "cc_capacity": (5, 1000),  # the segments of the manual's example
     "jog_hold_ms": (50, 2000),
 }
+STEPS: Mapping[str, int] = {"data_size": 2}  # an area that ends within a variable holds no use
 # Switches that a device of that model cannot have at another value: MACS-CMD-1C-01, MACC-CMD-0C-01.
 FIXED: Mapping[str, frozenset[str]] = {
     "mac23": frozenset({"factory_tolerance"}),
@@ -50,7 +51,14 @@ DROWNING: Final = frozenset({("other_unit_framing", "hunt_stx"), ("invalid_unit"
 # A motor without any torque moves no shaft that has inertia: nothing of a motion can be judged
 # (MACS-CMD-0C-01: torque = maximum·dd/Imax; MACS-CMD-0F-03).
 POWERLESS: Final = frozenset({("plant", "inertial"), ("factory_torque", "0")})
-UNSOUND: Final = (DROWNING, POWERLESS)  # readings of which no device has all
+# Where H has no parameter, hold once on goes off by one of these or never (MN4-CMD-H-02).
+HELD: Final = frozenset({("hold_takes_arg", "false")})
+LET_GO: Final = (("hold_bare_arg", "toggle"), ("hold_after_release", "one_shot"))
+# What a unit does with other numbers on RS-232 it never shows on RS-485 (MSC-AMB-12).
+UNSEEN: Final = tuple(
+    frozenset({("transport", "rs485"), ("rs232_unit_check", one)}) for one in ("ignore", "nak")
+)
+UNSOUND: Final = (DROWNING, POWERLESS, *UNSEEN)  # readings of which no device has all
 # Counters that a board shows at power-up and that L does not load are never put back.
 COUNTERS: Final = ("long_min", "power_on_position", "long_max")
 FURTHEST: Final = ("-2147483647", "0", "2147483647")  # the defaults of these
@@ -73,7 +81,19 @@ def go_together(readings: Mapping[str, str]) -> bool:
     low, place, high = (
         int(readings.get(name, default)) for name, default in zip(COUNTERS, FURTHEST, strict=True)
     )
-    return low <= place <= high and not any(readings.items() >= unsound for unsound in UNSOUND)
+    is_loadable = low <= place <= high
+    if readings.items() >= HELD and not any(one in readings.items() for one in LET_GO):
+        return False
+    is_unsound = any(readings.items() >= unsound for unsound in UNSOUND)
+    return is_loadable and not is_unsound and _takes_its_own_torque(readings)
+
+
+def _takes_its_own_torque(readings: Mapping[str, str]) -> bool:
+    """False if a module refuses the torque that it has from the factory, its own highest one: no
+    host puts that back."""
+    imax = int(readings.get("imax_value", "128"))
+    torque = int(readings.get("factory_torque", "96"))
+    return readings.get("torque_range") != "exclusive" or torque < imax
 
 
 def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
@@ -85,8 +105,9 @@ def values_of(quirk: Quirk, draw: random.Random) -> tuple[str, ...]:
         assert isinstance(default, int)
         low, high = SOUND.get(quirk.name, (quirk.low, quirk.high))
         between = [low + int((high - low) ** draw.random()) for _ in range(3)]
-        near = [one for one in (default - 1, default + 1) if low <= one <= high]
-        found = {low, high, *near, *between} - {default}
+        step = STEPS.get(quirk.name, 1)
+        near = [one for one in (default - step, default + step) if low <= one <= high]
+        found = {one - one % step for one in (low, high, *near, *between)} - {default}
         return tuple(str(one) for one in sorted(found))
     if quirk.kind == "text":
         return ()
@@ -103,7 +124,8 @@ def singles(model: str, seed: str) -> list[dict[str, str]]:
     """Every switch at each of its other values."""
     draw = random.Random(seed)
     quirks = open_to(model)
-    return [{name: one} for name, quirk in quirks.items() for one in values_of(quirk, draw)]
+    known = ({name: one} for name, quirk in quirks.items() for one in values_of(quirk, draw))
+    return [one for one in known if go_together(one)]
 
 
 def drawn(model: str, seed: str) -> Iterator[dict[str, str]]:

@@ -21,6 +21,7 @@ from axistwin_conformance.engine.run import Engine
 
 INTERFACES = {one.name: one for one in ALL}
 VIRTUAL = "virtual"  # no interface: the built-in twin, in a time that the suite knows
+ALONE = ("address_settable=false", "transport=rs232")  # no second device can be beside these
 NEIGHBOURS = {"mac23": (1,), "mac23-can": (2,)}
 TRAVEL = 20_000
 LONGEST_S = 2 * 20 * 60.0  # on a bench: twice the most that a full run may take
@@ -95,7 +96,7 @@ def _virtual(
         model=setting.model, level=setting.level, seed=seed, is_detection=detects,
         exitfirst=setting.is_exitfirst,         **small_scratch(setting.model),
     )  # fmt: skip
-    if "address_settable=false" in query:  # no second board can be beside it
+    if any(reading in query for reading in ALONE):
         options = replace(options, neighbours=())
     url = options.family.twin_url
     # The long random sequences are half of the time, and judge what the short ones judge.

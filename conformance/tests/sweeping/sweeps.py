@@ -106,7 +106,24 @@ class QuirkSweep(Sweep):
         row = judge(self.setting, self.seed, query, detects=True)
         device = " ".join(f"{name}={one}" for name, one in readings.items()) or "all defaults"
         outcome, why = self._outcome(readings, row)
-        return row | {"device": device, "outcome": outcome, "why": why}
+        return row | {
+            "readings": dict(readings), "device": device, "outcome": outcome, "why": why
+        }  # fmt: skip
+
+    def table(self, rows: Iterable[Row]) -> str:
+        """How many devices ended how, and how many readings and pairs of them these clear."""
+        rows = list(rows)
+        cleared = [
+            sorted(row.get("readings", {}).items())
+            for row in rows if row["outcome"] not in self.wrong
+        ]  # fmt: skip
+        readings = {one for each in cleared for one in each}
+        pairs = {pair for each in cleared for pair in itertools.combinations(each, 2)}
+        switches = {(one, other) for (one, _), (other, _) in pairs}
+        return (
+            f"{super().table(rows)}\n  rightly judged: {len(readings)} readings,"
+            f" {len(pairs)} pairs of readings, {len(switches)} pairs of switches"
+        )
 
     def _outcome(self, readings: Mapping[str, str], row: Row) -> tuple[str, str]:
         if row["hang"]:
@@ -176,7 +193,7 @@ class FaultSweep(Sweep):
     def _outcome(row: Row, tally: Tally) -> tuple[str, str]:
         words = (row.get("sentence", ""), *row.get("evidence", ()))
         crash = tally.crash or next((one for one in words if CRASHED in one), "")
-        if crash or (row["errors"] and not tally.said):  # it may fall over while it is made
+        if crash or (row.get("errors") and not tally.said):  # it may fall over while it is made
             return "no device", crash or row["errors"][0]
         if row["hang"]:
             return "hang", row["hang"]

@@ -31,7 +31,6 @@ BYTE_NS = 1_000_000
 # Of processor time, for one chunk or wake-up: a twin whose fault makes it turn on the spot is no
 # device.
 LIMIT_S = 5.0
-MOST_WAKES = 10_000  # at one instant
 
 
 @dataclass
@@ -93,7 +92,6 @@ class WrongDevice:
         rate = fault.amount if fault.part == "clock" else 1000
         self._rate = Fraction(rate, 1000)
         self._origin_ns: int | None = None if rate != 1000 else 0
-        self._woken_ns, self._wakes = -1, 0
         tally.hits += rate != 1000
 
     def __getattr__(self, name: str) -> Any:
@@ -126,11 +124,6 @@ class WrongDevice:
 
     def wake(self, now: int) -> list[Any]:
         """Do what is due."""
-        self._wakes = self._wakes + 1 if now == self._woken_ns else 0
-        self._woken_ns = now
-        if self._wakes > MOST_WAKES:
-            self._tally.crash = UNENDING
-            raise RuntimeError(UNENDING)
         found: list[Any] = []
         if self._true is not None and now >= self._ghost_until_ns:
             self._lay_ghost(now)
@@ -142,6 +135,10 @@ class WrongDevice:
         if own is not None and self._ours(own) <= now:
             found += self._out(self._guarded(self._inner.wake, self._own(now)), now)
         self._tally.look(self._inner, self._own(now))
+        due = self.next_event()
+        if due is not None and due <= now and not self._tally.crash:
+            self._tally.crash = UNENDING  # the schedule would say so in words of its own
+            raise RuntimeError(UNENDING)
         return found
 
     def power_off(self, now: int) -> list[Any]:
@@ -196,7 +193,7 @@ class WrongDevice:
             self._lay_ghost(now)
         found: list[Any] = []
         kind = self._form.kind(data)
-        is_for_others = not is_frame and self._inner.quiet_prefix(data) == len(data)
+        is_for_others = not is_frame and self.quiet_prefix(data) == len(data)
         if kind and not is_for_others and not (is_frame and message.is_remote):
             self._kind = kind
             found += self._obey(kind, data, now, tell)
@@ -204,6 +201,14 @@ class WrongDevice:
             found += self._out(tell(data, now), now)
         self._tally.look(self._inner, self._own(now))
         return found
+
+    def quiet_prefix(self, data: bytes) -> int:
+        """As the twin; one that would hear fewer bytes than none never hears the next."""
+        count = int(self._inner.quiet_prefix(data))
+        if count < 0:
+            self._tally.fall(UNENDING)
+            raise RuntimeError(UNENDING)
+        return count
 
     def sent(self, frame: CanFrame, end_ns: int) -> list[Any]:
         """A frame has left; the twin knows it as it has made it."""

@@ -39,6 +39,12 @@ def a_value_is_told_under_the_name_of_its_write(patch: MonkeyPatch) -> None:
     _renamed(patch, b"DREAD,", b"DWRITE,")
 
 
+@msc_mutant("MSC-CMD-04")
+def a_name_is_told_with_a_letter_twice(patch: MonkeyPatch) -> None:
+    """RFLAG's reply says RRFLAG, under the length and the sum of what it should say."""
+    replies(patch, lambda raw: raw[:7] + raw[6:], "RFLAG")
+
+
 def _renamed(patch: MonkeyPatch, name: bytes, instead: bytes) -> None:
     around(
         patch,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from axistwin.devices.msc.packets import is_sum_right, packet
@@ -49,6 +50,21 @@ def _no_ack_to_the_status(patch: MonkeyPatch) -> None:
         return go()
 
     around(patch, Receiver, "_sign", act)
+
+
+@msc_mutant("MSC-LNK-04")
+def what_breaks_off_is_refused_without_end(patch: MonkeyPatch) -> None:
+    """A packet that breaks off draws one NAK after the other."""
+
+    def again(receiver: Receiver, now: int) -> None:
+        receiver._sign(now, now + 10 * MS, NAK_BYTE, partial(again, receiver))
+
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        go(now)
+        if receiver.is_busy:
+            receiver._then = partial(again, receiver)
+
+    around(patch, Receiver, "_give_up_packet", act)
 
 
 @msc_mutant("MSC-LNK-01", "MSC-LNK-07")

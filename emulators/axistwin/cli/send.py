@@ -7,7 +7,6 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
 
 EXIT_SILENT = 1
 
+BAUD_MAX = 4_000_000
+LONGEST_WAIT_S = 86_400
 WAIT = re.compile(r"wait (?P<number>\d+(?:\.\d+)?) ?(?P<unit>ms|s)")
 """A pause in place of a command."""
 
@@ -52,7 +53,10 @@ GAP_S = 0.3
     "--address", type=int, metavar="N", help="Address of the device (default: the model's)."
 )
 @click.option(
-    "--baud", type=int, metavar="N", help="Rate of the line or bus (default: the model's)."
+    "--baud",
+    type=click.IntRange(1, BAUD_MAX),
+    metavar="N",
+    help="Rate of the line or bus (default: the model's).",
 )
 @click.option(
     "--timeout",
@@ -114,7 +118,10 @@ def row_of(model: Model, arrow: str, content: bytes | CanFrame) -> str:
 def request_of(model: Model, address: int, text: str) -> bytes | CanFrame | float:
     """What ``text`` says; a pause as its seconds.  Raises UsageError."""
     if pause := WAIT.fullmatch(text):
-        return float(pause["number"]) / (1000 if pause["unit"] == "ms" else 1)
+        seconds = float(pause["number"]) / (1000 if pause["unit"] == "ms" else 1)
+        if seconds > LONGEST_WAIT_S:
+            raise UsageError(f"{text[:40]}: a pause has at most {LONGEST_WAIT_S} s")
+        return seconds
     found = READERS[model.carrier](text)
     if found is not None and found.content is not None:
         content = found.content
@@ -131,7 +138,7 @@ def find_device(port: str, name: str | None) -> tuple[Model, str]:
 
     Raises UsageError.
     """
-    if "://" not in port and not _is_on_can(port) and not Path(port).exists():
+    if "://" not in port and not _is_on_can(port) and not os.access(port, os.F_OK):
         remedy = f"start a twin there: axistwin run MODEL --pty {port}"
         if port.startswith("/dev/"):
             remedy = "is the adapter plugged in? 'axistwin doctor' lists the serial ports"

@@ -224,7 +224,7 @@ class CanNetwork(DeviceNetwork[CanDevice]):
             due_ns = max(end_ns + gap_ns, late[-1][0] if late else 0)
             if due_ns > end_ns:
                 late.append((due_ns, piece, listeners))
-            else:
+            elif not self.faults.is_lost(end_ns, to_host=to_host):
                 self._reach(end_ns, piece, listeners)
         self._touch_faults()
 
@@ -239,11 +239,12 @@ class CanNetwork(DeviceNetwork[CanDevice]):
     def disturb(self, now: Nanos) -> None:
         """Also pass on the frames that were held back until ``now``."""
         super().disturb(now)
-        for late in self._late.values():
+        for to_host, late in self._late.items():
             while late and late[0][0] <= now:
                 _, frame, listeners = late.popleft()
                 there = [each for each in listeners if self._bus.is_attached(each)]
-                self._reach(now, frame, tuple(there))
+                if not self.faults.is_lost(now, to_host=to_host):
+                    self._reach(now, frame, tuple(there))
 
     def _disturb(self, disturbance: Disturbance) -> None:
         assert disturbance.kind == "busy", "what else a bus can have comes with frames"

@@ -7,7 +7,7 @@ Rules
 2. Every fault draws from a stream of its own, made from the seed and its number.  Numbers count
    from 1 and are not used again: the same faults on the same messages do the same.
 3. While a wire is disconnected or held, what would be heard is lost, in the direction of the fault,
-   by the time at which it is complete.
+   by the time at which it is complete.  On a bus that is held, nothing is complete.
 4. A fault that has acted as often as it may stays in the list, with what it has done, until it is
    removed.  To remove one ends what it is doing.
 """
@@ -235,7 +235,7 @@ class WireFaults:
         if kind == "delay":
             return Passage(break_ns, [(gap_ns + duration_ns, first), *rest]), f"{last} later"
         if kind == "jitter":
-            return _jittered(passage, draws, duration_ns), f"bytes up to {last} later"
+            return _jittered(passage, draws, duration_ns), f"up to {last} later"
         if kind == "break":
             return Passage(break_ns + duration_ns, pieces), f"behind a break of {last}"
         assert kind in ("disconnect", "busy"), kind
@@ -262,7 +262,9 @@ class WireFaults:
     def is_lost(self, time_ns: Nanos, *, to_host: bool) -> bool:
         """Whether what is complete at ``time_ns`` is not heard (rule 3)."""
         return any(
-            each.begin_ns <= time_ns < each.end_ns and each.at.fault.concerns(to_host=to_host)
+            each.begin_ns <= time_ns < each.end_ns
+            and each.at.fault.concerns(to_host=to_host)
+            and (self.wire == "serial" or each.at.fault.kind == "disconnect")
             for each in self._outages
         )
 
@@ -332,10 +334,11 @@ def _flipped(message: Message, draws: Draws, data_bits: int) -> tuple[Message, s
 
 
 def _jittered(passage: Passage, draws: Draws, most_ns: Nanos) -> Passage:
-    """Every byte by itself, each with a wait before it."""
-    pieces: list[tuple[Nanos, bytes]] = []
+    """Every byte or frame by itself, each with a wait before it."""
+    pieces: list[tuple[Nanos, Any]] = []
     for gap_ns, piece in passage.pieces:
-        for place in range(len(piece)):
-            wait_ns = draws.below(most_ns + 1) + (0 if place else gap_ns)
-            pieces.append((wait_ns, piece[place : place + 1]))
+        is_frame = isinstance(piece, CanFrame)
+        units = [piece] if is_frame else [bytes([value]) for value in piece]
+        for place, unit in enumerate(units):
+            pieces.append((draws.below(most_ns + 1) + (0 if place else gap_ns), unit))
     return Passage(passage.break_ns, pieces)

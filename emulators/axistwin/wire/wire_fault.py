@@ -69,12 +69,12 @@ FAULT_TYPES: Final[dict[FaultKind, FaultType]] = {
     "drop": FaultType(_BOTH, "the message is lost"),
     "duplicate": FaultType(_BOTH, "the message comes twice"),
     "delay": FaultType(_BOTH, "the message comes later by the duration", 20.0),
-    "jitter": FaultType(_SERIAL, "each byte waits up to the duration, before it is sent", 5.0),
+    "jitter": FaultType(_BOTH, "each byte or frame waits up to the duration", 5.0),
     "break": FaultType(_SERIAL, "the sender holds its line at space, then sends", 5.0, True),
     "noise": FaultType(
         _SERIAL, "a byte that nobody sent comes on a line at rest", None, True, False
     ),
-    "disconnect": FaultType(_SERIAL, "nothing is heard for the duration", 100.0, True),
+    "disconnect": FaultType(_BOTH, "nothing is heard for the duration", 100.0, True),
     "busy": FaultType(
         _BOTH, "the wire is held dominant for the duration: nothing passes", 100.0, True
     ),

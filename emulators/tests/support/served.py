@@ -57,6 +57,17 @@ def eventually(condition: Callable[[], bool]) -> bool:
     return True
 
 
+def falls_quiet(count: Callable[[], int], seconds: float = 0.2) -> bool:
+    """Whether, once what is under way has been done, ``count`` stays the same for so long."""
+
+    def is_quiet() -> bool:
+        before = count()
+        time.sleep(seconds)
+        return count() == before
+
+    return eventually(is_quiet)
+
+
 def receive_until(client: socket.socket, end: bytes) -> bytes:
     """What comes up to and including ``end``."""
     data = b""

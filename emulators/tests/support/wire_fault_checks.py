@@ -85,12 +85,18 @@ def check_bus(bus: Bus, host: can.BusABC) -> None:
         assert _bits(heard, (0x581).to_bytes(4, "big") + right) == 1
     with _Fault(bus, "duplicate", direction="to_host", hex="581#"):
         assert bytes(ask().data) == bytes(receive(host, 0x581).data) == right
-    for kind in ("delay", "error_frame"):
+    for kind in ("delay", "jitter", "error_frame"):
         with _Fault(bus, kind, direction="to_host", hex="581#"):
             assert bytes(ask().data) == right, kind
     with _Fault(bus, "drop", direction="to_host", hex="581#") as has_acted:
         host.send(POSITION)
         assert eventually(has_acted)
+        assert bytes(ask().data) == right
+    with _Fault(bus, "disconnect", direction="to_host", hex="581#") as has_acted:
+        host.send(POSITION)
+        assert eventually(has_acted)
+        ended_ns = bus.sync() + 100 * NS_PER_MS
+        assert eventually(lambda: bus.sync() > ended_ns)
         assert bytes(ask().data) == right
     with _Fault(bus, "busy", duration_ms=50.0):
         assert bytes(ask().data) == right

@@ -162,7 +162,7 @@ class BoardClient:
     def limit_s(self, text: str) -> float:
         """How long to wait for the first byte of each packet of a reply."""
         mode = text[1:].replace(" ", "")  # some boards skip spaces (MN4-AMB-68)
-        measure = MEASURES_S.get(int(mode), 0.0) if mode.isdigit() else 0.0
+        measure = MEASURES_S.get(codec.number_in(mode), 0.0) if mode.isdigit() else 0.0
         later_s = {"E": measure, "*": self.poll_slot_s() * (self.board - 1)}
         own_s = max(0, len(text) - LONGEST_TEXT) * self.target.byte_ns / 1e9  # it must be there
         return self.session.reply_timeout_s + own_s + later_s.get(text[:1].upper(), 0.0)

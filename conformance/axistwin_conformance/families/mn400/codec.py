@@ -34,6 +34,7 @@ END_OF_PROGRAM: Final = "\x04"  # as the command of a packet (MN4-AMB-12, MN4-AM
 DEFAULT_TRAILER: Final = b"\x06"
 DOT_NUL: Final = b".\x00"  # what stands for a comma and a zero in one reading of MN4-AMB-02
 REVISION: Final = re.compile(r"MN400 V [0-9]+\.[0-9]+ / [0-9]+\.[0-9]+")  # MN4-CMD-FW-01
+MOST_DIGITS: Final = 20  # of a number: more than any board holds
 NUMBER: Final = re.compile(r"0|-?[1-9][0-9]*")  # MN4-RSP-10
 
 
@@ -58,6 +59,13 @@ class ReturnCode(IntEnum):
 
 
 CODES: Final = frozenset(map(int, ReturnCode))
+
+
+def number_in(text: str) -> int:
+    """The number that a text of digits spells, at any length; of one far too wide for a board no
+    more is kept than its sign and that it is too wide."""
+    digits = text.removeprefix("-").lstrip("0")[:MOST_DIGITS] or "0"
+    return -int(digits) if text.startswith("-") else int(digits)
 
 
 def address_byte(board: int) -> int:

@@ -19,6 +19,8 @@ from fractions import Fraction
 from math import isqrt
 from typing import Final
 
+from axistwin_conformance.families.mn400 import codec
+
 NARROW: Final = 32_767  # %, either way (MN4-PAR-04)
 WIDE: Final = 2_147_483_647  # &, unless the board has another bound (MN4-AMB-48)
 LEAST_RATE: Final = 2  # steps/s (MN4-MOT-02)
@@ -221,7 +223,7 @@ def _values(body: str) -> tuple[int | None, ...] | Refusal:
         if part and PARAMETER.fullmatch(part) is None:
             name = "MN4-PAR-03" if set(part) <= set("-0123456789") else "MN4-PAR-02"
             return Refusal(f"{part!r} is no decimal integer", name)
-        values.append(int(part) if part else None)
+        values.append(codec.number_in(part) if part else None)
     return tuple(values)
 
 
@@ -274,10 +276,11 @@ def _bounds(rule: CommandRule, parameter: ParameterRule, reading: ReadingOf) -> 
     if rule.letter == "G" and (widths := reading("g_widths")) != "16x5":
         return low, WIDE if widths == "32x5" or parameter.name == "per_inch" else high
     if parameter.is_wide:
-        low = int(reading("long_min")) if parameter.low == -WIDE else low
-        high = int(reading("long_max")) if parameter.high == WIDE else high
-    if reading("speed_range_policy") == "clip" and rule.letter in "VFY":
-        return (1 if parameter.name == "acceleration" else -WIDE), WIDE
+        widest = int(reading("long_min")), int(reading("long_max"))
+        low = widest[0] if parameter.low == -WIDE else low
+        high = widest[1] if parameter.high == WIDE else high
+        if reading("speed_range_policy") == "clip" and rule.letter in "VFY":
+            return (1 if parameter.name == "acceleration" else widest[0]), widest[1]
     if rule.letter == "E" and reading("measure_other") == "plain":
         return -NARROW, NARROW
     return low, high
@@ -295,7 +298,7 @@ def _together(command: ParsedCommand, reading: ReadingOf) -> Refusal | None:
     if letter == "P":
         return _plane(command, reading)
     is_clipped = reading("speed_range_policy") == "clip"
-    if letter == "V" and not is_clipped:
+    if letter == "V":
         return _speed(command.value(0), reading)
     if letter == "F" and not is_clipped and None not in values[:2]:
         start, end = command.value(0), command.value(1)
@@ -315,7 +318,7 @@ def _plane(command: ParsedCommand, reading: ReadingOf) -> Refusal | None:
 def _speed(speed: int, reading: ReadingOf) -> Refusal | None:
     """Why a speed that V's width holds is none: 0 and 1, and negative ones but -1 where only that
     one means external sync (MN4-AMB-23)."""
-    if 0 <= speed < LEAST_RATE:
+    if 0 <= speed < LEAST_RATE and reading("speed_range_policy") != "clip":
         return Refusal(f"a speed is {LEAST_RATE} or more", "MN4-CMD-V-04")
     if speed < -1 and reading("negative_v") == "minus_one_only":
         return Refusal("of negative speeds there is -1", "MN4-CMD-V-02")

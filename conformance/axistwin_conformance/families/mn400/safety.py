@@ -68,7 +68,7 @@ def _keeps(letter: str, body: str, board: int, rate: int) -> bool:
     """True for an address or a rate that the board has, or that none has."""
     if letter == "." or NUMBER_TEXT.fullmatch(body) is None:
         return letter != "." and body == ""
-    number = int(body)
+    number = codec.number_in(body)
     if letter == "=":
         return number == board or number not in codec.IDS
     return number not in range(len(codec.RATES)) or codec.RATES[number] == rate

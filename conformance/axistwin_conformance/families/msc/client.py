@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
@@ -188,8 +189,10 @@ class MscClient:
         """Wait until nothing is left over of what was said before; return what still came.
 
         A reply that comes again is acknowledged and thrown away (§4.3).  Who then still talks after
-        twice the time in which all repeats are over, is not waited for.  `after`: what was said
-        last; where that drew nothing at all, no reply is waiting to be acknowledged.
+        twice the time in which all repeats are over, is not waited for; who has said nothing but
+        signs all the while never falls silent, and can be asked nothing: raises TargetError.
+        `after`: what was said last; where that drew nothing at all, no reply is waiting to be
+        acknowledged.
         """
         received, quiet_s = b"", self.quiet_limit_s
         if after is not None and after.is_silence:
@@ -200,11 +203,20 @@ class MscClient:
                 break
             packet, strays = self._next_packet(quiet_s)
             if packet is None and not strays:
-                break
+                return received
             received += strays + (packet.raw if packet else b"")
             if packet is not None or STX in strays:
                 self.target.send(ACK)
+        self._refuse_endless_signs(received)
         return received
+
+    def _refuse_endless_signs(self, received: bytes) -> None:
+        """Judge what came without an end, though nobody asked (MSC-LNK-04)."""
+        if len(received) <= MOST_STRAYS or received.strip(ACK + NAK):
+            return
+        came = f"{len(received)} more, {codec.explain(received[:1])} first, and no end"
+        self.session.run.violations.append(("MSC-LNK-04", "one ACK or NAK for a packet", came))
+        raise TargetError("it sends ACK or NAK without end, and is asked nothing more")
 
     # --- both ways --------------------------------------------------------------------------------
 

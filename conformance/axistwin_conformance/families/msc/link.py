@@ -80,6 +80,18 @@ class MscLink:
         delay_s = int(self.session.reading("reply_delay_ms")) / 1000
         return QUIET_S + delay_s + self.target.uncertainty_ns / 1e9
 
+    def drawn_by(self, noise: bytes) -> bytes:
+        """All that a unit says to bytes of which each may draw a sign, one behind the other."""
+        limit_s = self.glance_s + self.latency_ns / 1e9
+        self.target.drain()
+        self.target.send(noise)
+        received = self._client.listen(len(noise) * self.byte_ns / 1e9 + limit_s)
+        for _ in noise:
+            if not (more := self._client.listen(limit_s) if received else b""):
+                break
+            received += more
+        return received
+
     @property
     def glance_amid_wait_s(self) -> float:
         """The same while the unit waits for the host's sign: T2 must not run out meanwhile."""

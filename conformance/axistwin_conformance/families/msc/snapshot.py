@@ -217,14 +217,18 @@ def _describe_received(driver: MscDriver, exchange: MscExchange, late: bytes) ->
 
 
 def sanity(session: Session) -> bool:
-    """One good answer; to another question if the unit answers the first one wrongly."""
+    """One good answer; to another question if the unit answers the first one wrongly.  What it has
+    answered wrongly before, it is asked last."""
     driver, was_strict = MscDriver(session), session.is_strict
+    questions, wrong = (codec.RQSTAT, codec.rflag(0), codec.dread(0)), session.run.answered_wrongly
     stop(session)
     try:
-        for body in (codec.RQSTAT, codec.rflag(0), codec.dread(0)):
+        for body in sorted(questions, key=wrong.__contains__):
             exchange = driver.ask(body)
             if driver.client.is_right(exchange, codec.name_of(body)):
+                wrong.discard(body)
                 return True
+            wrong.add(body)
             driver.client.wait_until_quiet(after=exchange)
             session.is_strict = True  # the first one was asked often enough for noise
         return False

@@ -11,7 +11,7 @@ from axistwin.kernel.time import NS_PER_MS
 
 if TYPE_CHECKING:
     from axistwin.cli.replay.capture import Exchange
-    from axistwin.cli.replay.comparison import Difference
+    from axistwin.cli.replay.comparison import Difference, SameSoon
     from axistwin.cli.replay.host_port import TwinSetup
     from axistwin.devices.family import Model, Value
     from axistwin.wire.can_frame import CanFrame
@@ -23,7 +23,7 @@ SHOWN_MAX: Final = 10
 
 _HELP: Final = {
     "against": "Model of the twin, and its address (default: the model's).",
-    "window": "By how much the times of replies may differ.",
+    "window": "By how much the times of messages and replies may differ.",
     "profile": "Quirks of the twin, as for 'axistwin run'.",
     "quirk": "One quirk of the twin; beats --profile.",
     "set": "Work a control of the twin before: inputs.m1_plus=on.",
@@ -83,9 +83,10 @@ def replay(
     setup = TwinSetup(model, spec.address, chosen, controls)
     exchanges = read_capture(model, capture)
     window_ns = round(window_ms * NS_PER_MS)
-    found = differences(setup, exchanges, window_ns)
+    known: SameSoon = {}
+    found = differences(setup, exchanges, window_ns, known)
     if infer:
-        return _infer(capture, setup, exchanges, found, window_ns)
+        return _infer(capture, setup, exchanges, window_ns, found, known)
     for difference in found[:SHOWN_MAX]:
         _show(model, difference, len(exchanges))
     if len(found) > SHOWN_MAX:
@@ -127,13 +128,14 @@ def _infer(
     capture: str,
     setup: TwinSetup,
     exchanges: list[Exchange],
-    found: list[Difference],
     window_ns: int,
+    found: list[Difference],
+    known: SameSoon,
 ) -> int:
     """Print the profile that explains most."""
     from axistwin.cli.replay.inference import inferred
 
-    proposal = inferred(setup, exchanges, found, window_ns)
+    proposal = inferred(setup, exchanges, found, window_ns, known)
     if found and not proposal.added:
         click.echo(
             f"axistwin: {capture}: no quirk of {setup.model.name} explains any of {len(found)} "

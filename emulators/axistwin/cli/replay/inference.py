@@ -11,14 +11,14 @@ Rules
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from axistwin.cli.replay.capture import Exchange
-from axistwin.cli.replay.comparison import Difference, differences
+from axistwin.cli.replay.comparison import Difference, SameSoon, differences
 from axistwin.cli.replay.host_port import TwinSetup
+from axistwin.cli.replay.moments import words_of
 from axistwin.devices.family import Value
 from axistwin.devices.switches import Quirk
 from axistwin.errors import UsageError
@@ -28,8 +28,6 @@ QUIRKS_MAX: Final = 2
 
 _NUMBERS_MAX: Final = 8
 """From the recorded replies."""
-
-_NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?![\w.])")
 
 
 @dataclass(slots=True)
@@ -42,9 +40,13 @@ class Proposal:
 
 
 def inferred(
-    setup: TwinSetup, exchanges: Sequence[Exchange], found: Sequence[Difference], window_ns: Nanos
+    setup: TwinSetup,
+    exchanges: Sequence[Exchange],
+    found: Sequence[Difference],
+    window_ns: Nanos,
+    known: SameSoon,
 ) -> Proposal:
-    """The quirks that explain most of what was ``found`` (rules 1 to 3)."""
+    """The quirks that explain most of what was ``found`` (rules 1 to 3); ``known`` with it."""
     proposal = Proposal(len(found))
     numbers = _numbers_in(setup, found)
     while proposal.left and len(proposal.added) < QUIRKS_MAX:
@@ -52,9 +54,8 @@ def inferred(
         best, ties = proposal.left, list[tuple[str, Value]]()
         for name, value in _candidates(setup.model.quirks, base, numbers):
             try:
-                left = len(
-                    differences(replace(setup, quirks={**base, name: value}), exchanges, window_ns)
-                )
+                tried = replace(setup, quirks={**base, name: value})
+                left = len(differences(tried, exchanges, window_ns, known))
             except UsageError:  # it does not go with another quirk
                 continue
             if left < best:
@@ -92,4 +93,4 @@ def _candidates(
 def _numbers_in(setup: TwinSetup, found: Sequence[Difference]) -> list[int]:
     """Numbers that the recorded replies have in words."""
     words = " ".join(setup.model.explain(part) for each in found for part in each.recorded)
-    return list(dict.fromkeys(int(digits[:20]) for digits in _NUMBER.findall(words)))[:_NUMBERS_MAX]
+    return list(dict.fromkeys(words_of(words).numbers))[:_NUMBERS_MAX]

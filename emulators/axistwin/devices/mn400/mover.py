@@ -21,7 +21,7 @@ Rules
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 from axistwin.devices.mn400.inputs import Inputs
@@ -299,6 +299,10 @@ class Mover:
         position = self.position_at(now)
         start = MoveStart(now, position, self._memory, self._inputs.feed_permille)
         motion = order.plan(start, self.rules, self._quirks)
+        if self.rules.step_phase == "start" and self._blocked():
+            # Towards a limit no step is made, not even that of the very start (MN4-LIM-06).
+            late = order.plan(start, replace(self.rules, step_phase="end"), self._quirks)
+            motion = late if self._met(late, now) else motion
         if self.train is not None and order.is_paced:
             motion = motion.paced_by(now, self.train)
         return motion
@@ -352,15 +356,18 @@ class Mover:
             for way in ((direction, -direction) if is_both else (direction,))
         ]
 
+    def _met(self, motion: VectorMotion, now: Nanos) -> list[tuple[int, int]]:
+        """Axis and ON value of the limits that block its next steps."""
+        headings = motion.headings_at(now)
+        return [(axis, value) for axis, way, value in self._blocked() if headings[axis] == way]
+
     def _watch(self, now: Nanos) -> None:
         """Halt what moves towards a limit, and foresee when it will."""
         motion = self._motion
         self._limit_ns = NEVER
         if motion is None or self._ended_by is not None:
             return
-        headings = motion.headings_at(now)
-        met = [value for axis, way, value in self._blocked() if headings[axis] == way]
-        if met:
+        if self._met(motion, now):
             self._trip(now, now)
             return
         for axis, way, _ in self._blocked():
@@ -377,8 +384,7 @@ class Mover:
         """Halt for the limits that block what comes behind ``last_ns``."""
         motion = self._motion
         assert motion is not None
-        headings = motion.headings_at(last_ns)
-        met = [(axis, value) for axis, way, value in self._blocked() if headings[axis] == way]
+        met = self._met(motion, last_ns)
         if self._quirks.multi_limit_exit == "first":
             code = self._halted_code or met[0][1]
         else:

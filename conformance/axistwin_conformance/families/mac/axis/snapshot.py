@@ -314,6 +314,7 @@ def _put_back(driver: AxisDriver, memory: AxisSnapshot, left: tuple[int, ...]) -
         with contextlib.suppress(OutsideEnvelope):  # told as not put back
             _drive_back(driver, memory.position)
         now = _read(driver)
+        _say_what_is_too_far(session, abs(now.position - memory.position))
     for _ in range(1 if session.transport.is_lossless else RETRY.presence):
         repairs = _repairs(driver, now, memory.but_for(left, now))
         if not repairs:
@@ -353,6 +354,18 @@ def _repairs(driver: AxisDriver, now: AxisSnapshot, memory: AxisSnapshot) -> lis
         and not doubts.is_to_keep(address, index)
     ]
     return list(settings_of(memory.parameters, differing).items())
+
+
+def _say_what_is_too_far(session: Session, distance: int) -> None:
+    """An axis that a killed run has left far away needs leave to go so far."""
+    most = session.envelope.max_travel
+    if distance > most and not session.run.runaway and not interrupts.is_hurried():
+        session.run.emit(
+            Note(
+                f"the axis is not driven back: {distance} increments are more than --max-travel"
+                f" {most}; if the way is free, --restore FILE --max-travel {distance} drives it"
+            )
+        )
 
 
 def _drive_back(driver: AxisDriver, position: int) -> None:

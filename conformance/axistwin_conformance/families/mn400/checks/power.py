@@ -12,6 +12,7 @@ from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.checks.destructive import FIXED, PRESENT
 from axistwin_conformance.families.mn400.checks.stored import judge_listing
 from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
+from axistwin_conformance.families.mn400.motion.board_motion import BoardMotion
 from axistwin_conformance.families.mn400.persistence.address_recovery import (
     brought_back,
     change_rate,
@@ -123,7 +124,8 @@ def axes_are_those_of_power_on(session: Session) -> None:
     """After a power cycle backlash, directions and plane are what they are at power-on, whatever
     was set before."""
     driver = BoardDriver(session)
-    for text in ("B32,32,32,32", "D-1,-1,-1,-1", "P2,4,1", "X4"):
+    plane = BoardMotion(driver).plane(2, 4, 1)
+    for text in ("B32,32,32,32", "D-1,-1,-1,-1", plane, "X4"):
         driver.command(text)
     power_cycle(driver)
     for text in MOTION:

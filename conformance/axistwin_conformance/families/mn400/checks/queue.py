@@ -16,7 +16,9 @@ ORDER = 120  # of this module in a run; see `Family.modules`
 STEPS: Final = 400  # of a move that is looked at while it runs
 MOVE_S: Final = 2
 LOOKS: Final = 12
-MOST_TAKEN: Final = 1024  # commands; more than any board of 8 KiB can keep
+MOST_TAKEN: Final = 1024  # commands; where a queue or a contour ends that takes more stays open
+TURNED_AFTER: Final = 50  # commands of a queue: what goes on from 32, 64 or 256 on is seen
+NO_END: Final = "{taken} commands are queued, and no end of it"
 QUEUE_S: Final = 40  # of a move behind which the queue is filled: about so many at 9600 baud
 PRESENT: Final = ("START", "PRESENT")
 
@@ -107,11 +109,29 @@ def in_motion_what_is_no_setting_of_motion_works_at_once(session: Session) -> No
     motion.follow("MN4-STM-02")
 
 
+def queued_step(number: int) -> int:
+    """What the move of that number in the queue goes: so many forward, and as many back."""
+    return 1 if number // TURNED_AFTER % 2 == 0 else -1
+
+
+def judge_endless_queue(motion: BoardMotion, before: int, taken: int) -> None:
+    """Whether what a queue has taken that has no end is carried out; its depth stays open."""
+    went = motion.rest()[1] - before
+    wanted = sum(queued_step(number) for number in range(taken))
+    motion.session.expect(
+        went == wanted,
+        "MN4-STM-03",
+        f"axis 2 at {wanted:+} when {taken} queued moves of one step are over, or SLAVEBUFFOV",
+        f"{went:+}",
+    )
+    motion.session.skip(NO_END.format(taken=taken))
+
+
 def fill_queue(motion: BoardMotion) -> tuple[int, BoardExchange]:
     """Behind a move that runs: how many moves the queue takes, `MOST_TAKEN` at most, and what the
     last request draws; the check or probe is left out if the move may end before that."""
     taken, until_s = 0, motion.ends[0] - 1
-    while (exchange := motion.driver.ask(f"M,{1 - 2 * (taken % 2)}")).codes == DONE:
+    while (exchange := motion.driver.ask(f"M,{queued_step(taken)}")).codes == DONE:
         taken += 1
         if taken == MOST_TAKEN:
             break
@@ -121,20 +141,29 @@ def fill_queue(motion: BoardMotion) -> tuple[int, BoardExchange]:
     return taken, exchange
 
 
+def empty_queue(motion: BoardMotion, taken: int) -> None:
+    """Behind a Q: end so many moves one by one where Q ends but the one that runs (MN4-AMB-62)."""
+    if motion.driver.reading("quit_flushes_queue") == "false":
+        for _ in range(taken):
+            motion.driver.ask("Q")
+
+
 @check("MN4-STM-03", safety=MOTION)
 def a_full_queue_is_told(session: Session) -> None:
     """Behind a move as many commands are taken as the queue holds; the next draws START and
-    SLAVEBUFFOV and is lost."""
+    SLAVEBUFFOV and is lost.  Where that does not come, all that was taken is carried out."""
     motion, steps = slow_board(session, QUEUE_S)
     driver = motion.driver
+    before = driver.position()[1]
     motion.do(f"M{steps}", "MN4-STM-03")
     taken, exchange = fill_queue(motion)
     if taken == MOST_TAKEN:
-        session.no_reading("MN4-STM-03", "queue_depth", ["32"], f"{taken} commands taken")
+        judge_endless_queue(motion, before, taken)
     codes = driver.errors("SLAVEBUFFOV")
     driver.judge(exchange, codes, "MN4-STM-03")
     driver.follows("queue_depth", str(taken), "MN4-STM-03")
     driver.draws("Q", DONE, "MN4-STM-03")
+    empty_queue(motion, taken)
     motion.stays("MN4-STM-03")
 
 

@@ -190,6 +190,9 @@ class BoardModel:
         if state is BoardState.HPD and cell.outcome is CellOutcome.MOVE_PENDING:
             return Expectation(frozenset({(START, "MOVEPENDING")}), "MN4-RSP-09", cell.is_open)
         if state is BoardState.CCB and cell.outcome is CellOutcome.UNKNOWN:
+            if self.reading("cc_unsupported") == "executed" and letter != "(":
+                served = self._of_state(letter, text, BoardState.RDY)
+                return Expectation(served.replies, "MN4-CMD-CC-03", is_open=True)
             return self._unsupported()
         if cell.outcome is CellOutcome.BUSY:
             return self._error("BUSY", "MN4-ERR-06", is_open=cell.is_open)

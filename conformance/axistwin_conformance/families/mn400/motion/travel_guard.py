@@ -497,7 +497,7 @@ class BoardTravelGuard:
 def _numbers(text: str) -> list[int | None]:
     """The parameters as a careless board might read them; None: left out."""
     found = [NUMBER.search(part) for part in text[1:].split(",")]
-    return [None if one is None else int(one[0]) for one in found]
+    return [None if one is None else codec.number_in(one[0]) for one in found]
 
 
 def _place(offset: Window, counter: int, reach: Window) -> Window:

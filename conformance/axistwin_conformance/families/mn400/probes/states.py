@@ -11,6 +11,7 @@ from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.hold import hold_text
 from axistwin_conformance.families.mn400.checks.queue import (
     MOST_TAKEN,
+    NO_END,
     QUEUE_S,
     fill_queue,
     slow_board,
@@ -174,7 +175,10 @@ def queue_depth(driver: BoardDriver) -> Outcome:
     motion, steps = slow_board(driver.session, QUEUE_S)
     motion.set(f"M{steps}")
     taken, exchange = fill_queue(motion)
-    driver.ask("Q")
+    for _ in range(taken + 1):  # whether the first one flushes the queue is asked later
+        driver.ask("Q")
+    if taken == MOST_TAKEN:
+        driver.session.skip(NO_END.format(taken=taken))
     return Measured(str(taken)) if "SLAVEBUFFOV" in exchange.codes else str(exchange)
 
 

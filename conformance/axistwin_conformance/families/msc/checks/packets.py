@@ -251,9 +251,8 @@ def on_rs232_other_unit_numbers_are_not_its_own(session: Session) -> None:
 def _to_other(driver: MscDriver, unit: int) -> str | MscExchange:
     """What RQSTAT to another number shows: a reading of MSC-AMB-12, or what explains none."""
     raw = codec.packet(unit, RQSTAT)
-    exchange = driver.client.ask(
-        raw, is_read=True, timeout_s=len(raw) * driver.link.byte_ns / 1e9 + 0.1
-    )
+    sign_s = (len(raw) * driver.link.byte_ns + driver.link.latency_ns) / 1e9
+    exchange = driver.client.ask(raw, is_read=True, timeout_s=sign_s + 0.1)
     extra = driver.client.listen(driver.link.glance_s)
     reply = exchange.reply
     if extra:
@@ -464,8 +463,6 @@ def bytes_that_start_no_packet_are_ignored(session: Session) -> None:
     right behind them is served once."""
     driver = MscDriver(session)
     for noise in NOISE:
-        session.target.drain()
-        session.target.send(noise)
         judge_noise(driver, noise, "MSC-PKT-20")
     if session.reading("noise_in_idle") == "ignore":
         for noise in NOISE:  # without a pause between
@@ -477,8 +474,8 @@ def bytes_that_start_no_packet_are_ignored(session: Session) -> None:
 
 
 def judge_noise(driver: MscDriver, noise: bytes, names: str) -> None:
-    """Judge what comes to bytes without 02h that were sent to an idle unit (MSC-AMB-30)."""
-    received = driver.client.listen(len(noise) * driver.link.byte_ns / 1e9 + driver.link.glance_s)
+    """Send bytes without 02h to an idle unit, and judge what comes (MSC-AMB-30)."""
+    received = driver.link.drawn_by(noise)
     # Several units that refuse at once garble each other.
     is_refused = bool(received) and (not received.strip(NAK) or bool(driver.session.neighbours))
     if received and not is_refused:

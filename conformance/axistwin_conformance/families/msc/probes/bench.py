@@ -165,6 +165,7 @@ def uart_error(driver: MscDriver) -> Outcome:
     raw, own = driver.client.request(RQSTAT), driver.target.baud
     place = codec.HEADER_BYTES - 1
     driver.target.drain()
+    begun_ns = driver.target.now_ns
     driver.client.send(raw[:place])
     driver.target.wait((place + 1) * driver.target.byte_ns / 1e9)
     try:
@@ -178,8 +179,9 @@ def uart_error(driver: MscDriver) -> Outcome:
     limit_s = driver.client.limit_s(len(rest))
     first = driver.client.receive(1, limit_s)
     if first == NAK:
-        # Of a unit that is as slow as T1 is long nobody can tell what its NAK is for.
-        return 0 if driver.target.line_s + MARGIN_S < driver.client.packet_timeout_s else (0, 2)
+        # Of one that comes when T1 may have run out nobody can tell what it is for.
+        seconds = (driver.target.now_ns - begun_ns) / 1e9
+        return 0 if seconds + MARGIN_S < driver.client.packet_timeout_s else (0, 2)
     if not first:
         late = driver.client.receive(1, driver.client.packet_timeout_s + glance_s(driver))
         driver.client.wait_until_quiet()

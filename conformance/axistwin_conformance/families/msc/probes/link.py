@@ -225,8 +225,7 @@ def _is_held_for(driver: MscDriver, after_ms: int) -> bool:
 @probe()
 def noise_in_idle(driver: MscDriver) -> Outcome:
     """00 FF to an idle unit."""
-    driver.client.send(b"\x00\xff")
-    received = driver.client.listen(glance_s(driver))
+    received = driver.link.drawn_by(b"\x00\xff")
     if received.strip(NAK) and not driver.session.neighbours:  # several at once garble each other
         return codec.explain(received)
     return int(bool(received))

@@ -19,7 +19,7 @@ The block number may be any (MSC-AMB-10), what follows the status word too (MSC-
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from axistwin_conformance.core.lenient import COMPLETENESS, Lenient, ReplyDeparture
@@ -89,9 +89,10 @@ def _sign(reply: bytes) -> Lenient | None:
 def _repeats(session: Session, reply: bytes) -> Lenient:
     """A packet that comes again, to a NAK: nothing stands before it (MSC-LNK-10)."""
     for name in sorted(codec.READS, key=len, reverse=True):
-        if 0 <= reply.find(name.encode()) <= HEADER_BYTES:
-            found = _packets(name, session.address, reply)
-            return Lenient(found.departures, found.mended)
+        misnamed, right = _renamed(name, reply)
+        if misnamed or 0 <= reply.find(name.encode()) <= HEADER_BYTES:
+            found = _packets(name, session.address, right)
+            return Lenient((*misnamed, *found.departures), found.mended)
     return Lenient((_incomplete(reply),), STX if reply[:1] == STX else b"")
 
 
@@ -99,7 +100,14 @@ def _answer(name: str, unit: int, reply: bytes) -> Lenient | None:
     """What came of a read."""
     at = reply.find(name.encode(), 0, MOST_BEFORE_NAME + len(name))
     if at < 0:
-        return _unnamed(name, reply)
+        signs = ACK if reply[:1] == ACK else b""
+        misnamed, right = _renamed(name, reply[len(signs) :])
+        answer = _answer(name, unit, signs + right) if misnamed else None
+        return (
+            replace(answer, departures=(*misnamed, *answer.departures))
+            if answer
+            else _unnamed(name, reply)
+        )
     signs, header = _parted(reply[:at])
     found = _packets(name, unit, header + reply[at:])
     departures = list(found.departures)
@@ -121,6 +129,20 @@ def _parted(lead: bytes) -> tuple[bytes, bytes]:
     if lead[-HEADER_BYTES : -HEADER_BYTES + 1] == STX and len(lead) >= HEADER_BYTES:
         return lead[:-HEADER_BYTES], lead[-HEADER_BYTES:]
     return (lead[:1], lead[1:]) if lead[:1] in (ACK, NAK) else (b"", lead)
+
+
+def _renamed(name: str, data: bytes) -> tuple[tuple[ReplyDeparture, ...], bytes]:
+    """Packets under that name that have another in its place: that, and how they should be.
+
+    The sum of the packet has to be that of the right name: who wrote the wrong one has meant it.
+    """
+    came = data[HEADER_BYTES:].partition(COMMA)[0]
+    right = data.replace(came + COMMA, name.encode() + COMMA) if came else data
+    length = int.from_bytes(data[2:4], "big")
+    if right == data or not codec.is_whole(right[: codec.AROUND_BODY + length]):
+        return (), data
+    actual = came.decode("latin-1")
+    return (ReplyDeparture("MSC-CMD-04", "name in place", name, actual),), right
 
 
 def _unnamed(name: str, reply: bytes) -> Lenient | None:

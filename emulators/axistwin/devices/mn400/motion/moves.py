@@ -76,7 +76,7 @@ def thread(
     path = StraightPath.over(displacement, pulses, settings.rules.dda_phase)
     stretch = Stretch(displacement, path.length, settings.speed, 1)
     lash = compensation(settings, displacement)
-    chain = _chain([*lash, Part(path, stretch)], settings)
+    chain = _chain([*lash, Part(path, stretch, is_pulsed=True)], settings)
     paces = _paces(settings, lash, 0, 0)
     needs_index = settings.rules.threader_start == "index"
     start = chain.length - path.length
@@ -145,7 +145,9 @@ def assembled(
 
 
 def _chain(parts: Sequence[Part], settings: MoveSettings) -> PathChain:
-    early = ONE if settings.rules.step_phase == "start" else 0
+    # Without pulses there is no step, be it early or not (MN4-THR-04).
+    is_pulsed = any(part.is_pulsed for part in parts)
+    early = ONE if settings.rules.step_phase == "start" and not is_pulsed else 0
     return PathChain([part.path for part in parts], early)
 
 

@@ -365,8 +365,9 @@ def a_hard_stop_stops_where_the_axis_is(session: Session) -> None:
     """18h ends a move without ramp at a valid position; nothing resumes, the next move is exact."""
     driver = driver_of(session)
     for coefficient in (0, 2):
-        start = driver.motion.ready(SAFE_PERIOD, coefficient)
-        forecast = driver.motion.go(start + min(1500, driver.limits.room()))
+        way = min(1500, driver.limits.room())
+        start = driver.motion.ready(driver.limits.outlasting(way, SAFE_PERIOD), coefficient)
+        forecast = driver.motion.go(start + way)
         driver.client.wait(0.12)
         halted = forecast.halted(driver.judge.accepted(0x18).taken)
         lowest, highest = halted.final

@@ -12,7 +12,6 @@ from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
-from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 from axistwin_conformance.families.mac.axis.probes.parameters import (
     catchup_low_byte,
@@ -353,11 +352,13 @@ def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
 def _judge_cleared_in_segments(driver: AxisDriver) -> None:
     """Segments that wait run to their end, counted from the place of 0Bh."""
     start = driver.motion.ready(SLOWEST)
-    forecast = driver.motion.feed(start, *[Segment(30, SLOWEST)] * 3)
+    segment = driver.limits.segment(30, SLOWEST)
+    forecast = driver.motion.feed(start, *[segment] * 3)
     exchange = driver.judge.accepted(0x0B)
     lowest, highest = forecast.bounds(exchange.taken)
-    driver.client.wait(0.1 + driver.motion.lasting_s(90))
-    place, ends = driver.client.position(), start + 90
+    whole = 3 * segment.steps
+    driver.client.wait(0.1 + driver.motion.lasting_s(whole))
+    place, ends = driver.client.position(), start + whole
     driver.session.expect(
         ends - highest <= place <= ends - lowest,
         "MACS-CMD-0B-02",

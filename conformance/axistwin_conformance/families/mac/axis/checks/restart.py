@@ -116,7 +116,8 @@ def clearing_the_counter_during_a_move(session: Session) -> None:
 def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) -> None:
     """0Bh while the axis climbs: the rest of the way, now longer, is run as if from the start."""
     driver = driver_of(session)
-    start, target = driver.motion.ready(SLOWEST, 1), 2 * ramp_increments(1) + 60
+    start, beyond = driver.motion.ready(SLOWEST, 1), driver.limits.way_outlasting(20, SLOWEST, 2)
+    target = 2 * ramp_increments(1) + 40 + beyond
     if abs(start) > min(40, driver.limits.room()):
         session.skip("the counter is too far from 0 to be brought back there")
     driver.limits.needs_room(target + ramp_increments(1), "two ramps and some way between them")
@@ -127,8 +128,8 @@ def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) ->
         sent.taken.latest_ns + climb.ticks_of(ramp_increments(1) // 2) * TICK_NS
     )
     cleared = driver.judge.accepted(0x0B)
-    # 20 increments beyond the climb it still has the same distance to go before it slows down.
-    slowing_ns = sent.taken.earliest_ns + climb.ticks_of(ramp_increments(1) + 20) * TICK_NS
+    # So far beyond the climb it still has some way to go before it slows down.
+    slowing_ns = sent.taken.earliest_ns + climb.ticks_of(ramp_increments(1) + beyond) * TICK_NS
     driver.motion.taken_in_time(cleared, slowing_ns, "the way to where the axis slows down")
     lowest, highest = whole.bounds(cleared.taken)
     keeps_way = driver.readings.known("reset_in_motion") == 1

@@ -457,7 +457,7 @@ def a_move_whose_counter_is_cleared_while_it_lags_ends_where_it_should(session: 
     driver = driver_of(session)
     driver.rig.begin(SLOWEST)
     driver.judge.accepted(0x0E, SLOW_CATCH_UP << 8)
-    target = 10 + 3 * LAG
+    target = 10 + LAG + driver.limits.way_outlasting(2 * LAG, SLOWEST, 3)
     with driver.rig.own_origin() as origin:
         driver.motion.finish(driver.motion.go(10))
         driver.session.rig.work("hold", True)

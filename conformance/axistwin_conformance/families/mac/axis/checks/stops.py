@@ -249,18 +249,19 @@ def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -
     if _cannot_go_down(driver, "16h"):
         session.skip("DDDD has no sign on this device: segments do not turn round")
     for side, other in (SIDES, SIDES[::-1]):
-        start, sign = enable_stop(driver, side, 20), side.direction
+        near = driver.limits.way_outlasting(20, SLOWEST, 3)
+        start, sign = enable_stop(driver, side, near), side.direction
         driver.judge.accepted(other.index, start - 30 * sign)
-        period = driver.limits.outlasting(20, driver.motion.period)
-        first = driver.motion.put(Segment(40 * sign, period))
-        second = driver.motion.put(Segment(-120 * sign, period))
-        met_ns = first.taken.earliest_ns + 20 * period * TICK_NS
+        period = driver.limits.outlasting(near, driver.motion.period)
+        first = driver.motion.put(Segment((near + 20) * sign, period))
+        second = driver.motion.put(Segment(-(near + 100) * sign, period))
+        met_ns = first.taken.earliest_ns + near * period * TICK_NS
         driver.motion.taken_in_time(second, met_ns, "the way to the first stop")
-        driver.client.wait(driver.motion.lasting_s(40 + 120, period))
+        driver.client.wait(driver.motion.lasting_s(2 * near + 120, period))
         place = (_rest(driver, period) - start) * sign
-        most = 21 + driver.limits.braking(period)
+        most = near + 1 + driver.limits.braking(period)
         session.expect(
-            20 <= place <= most, side.requirements, f"at rest 20..{most} increments on", place
+            near <= place <= most, side.requirements, f"at rest {near}..{most} increments on", place
         )
         _judge_bits(driver, side, "nearer")
         driver.judge.accepted(0x03, 0)
