@@ -11,6 +11,7 @@ from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.sender import Message
 from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, moves, straight
+from axistwin.devices.mn400.motion.arcs import ArcPath
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from axistwin.devices.mn400.readout import ReadOut
@@ -454,3 +455,13 @@ def loading_forgets_what_is_left(patch: MonkeyPatch) -> None:
 
     commands(patch, "L", load)
     values(patch, "N", change)
+
+
+@board_mutant("MN4-HEL-02")
+def a_long_traverse_runs_ahead_of_its_arc(patch: MonkeyPatch) -> None:
+    """Where the traverse leads, the arc keeps to the ticks of its circle, not to its angle."""
+
+    def act(go: Any_, path: ArcPath, x: int) -> int:
+        return x * path.ticks // path.length if path.is_by_angle else int(go())
+
+    around(patch, ArcPath, "_tick_at", act)

@@ -17,6 +17,7 @@ from axistwin.devices.mn400.motion import (
     arc_is_round,
     straight,
 )
+from axistwin.devices.mn400.motion.circle import LatticeCircle
 from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
@@ -230,6 +231,16 @@ def clockwise_is_the_other_way_round(patch: MonkeyPatch) -> None:
         "arc",
         lambda plane, center, end, is_clockwise: (plane, center, end, not is_clockwise),
     )
+
+
+@board_mutant("MN4-CMD-A-05", "MN4-ARC-04")
+def an_eighth_of_the_circle_is_mistaken(patch: MonkeyPatch) -> None:
+    """The one right of the lowest point is counted from the axis beside it."""
+
+    def act(go: Any_, circle: LatticeCircle, x: int, y: int) -> int:
+        return circle.quarter - y if 0 < x < -y else int(go())
+
+    around(patch, LatticeCircle, "tick_at", act)
 
 
 @board_mutant("MN4-CMD-A-04")

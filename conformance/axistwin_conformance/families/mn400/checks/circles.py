@@ -4,7 +4,7 @@ HEL)."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import hypot
+from math import atan2, hypot, pi, remainder, tau
 from typing import Final
 
 from axistwin_conformance.base.check import check
@@ -21,20 +21,30 @@ ARCS: Final = (
     (0, -500, -354, -146), (400, 0, 400, 400), (-400, 0, -800, 0), (0, 300, -300, 300),
     (250, 250, 500, 500), (0, -3, 3, -3), (-1, 0, -2, 0),
 )  # fmt: skip
+# On a circle of radius 250, in order, a point in each eighth: arcs begin there and end there.
+EIGHTHS: Final = (
+    (150, 200), (200, 150), (200, -150), (150, -200),
+    (-150, -200), (-200, -150), (-200, 150), (-150, 200),
+)  # fmt: skip
+OF_EIGHTHS: Final = tuple(
+    (-x, -y, EIGHTHS[at - 5][0] - x, EIGHTHS[at - 5][1] - y) for at, (x, y) in enumerate(EIGHTHS)
+)
 TABLE: Final = ("MN4-CMD-A-01", "MN4-CMD-A-02", "MN4-CMD-A-03", "MN4-CMD-A-05", "MN4-ARC-01",
                 "MN4-ARC-03", "MN4-ARC-04", "MN4-ARC-08")  # fmt: skip
 # Planes of X and Y, and a traverse motor, from 1.
 PLANES: Final = ((1, 2, 3), (4, 1, 2), (2, 4, 1), (3, 1, 4))
 ON_CIRCLE: Final = ("MN4-ARC-04", "MN4-ARC-08")
+ALONG: Final = 3.5  # steps along a circle: more than rounding of an arc and its traverse gives
 OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right arc gives
 
 
 @check(*TABLE, safety=MOTION)
 def arcs_run_on_their_circle(session: Session) -> None:
-    """Motors 1 and 3 on the circle at any time, clockwise or not as asked, exactly at the end."""
+    """Motors 1 and 3 on the circle at any time, clockwise or not as asked, exactly at the end;
+    also from each eighth of the circle and to each."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(1000, "these arcs")
-    for centre_x, centre_y, x, y in ARCS:
+    for centre_x, centre_y, x, y in ARCS + OF_EIGHTHS:
         for direction in (1, -1):
             motion.ready()
             motion.do(f"A{centre_x},{centre_y},{x},{y},{direction}", "MN4-CMD-A-01")
@@ -176,6 +186,20 @@ def helices_turn_and_traverse(session: Session) -> None:
             path = ("MN4-HEL-02", "MN4-CMD-HEL-02", "MN4-CMD-HEL-03")
             end = ("MN4-CMD-HEL-01", "MN4-CMD-HEL-02")
             motion.follow(path, end, ("MN4-HEL-01", "MN4-CMD-HEL-01"), samples=8)
+    _judge_long_traverse(motion)
+
+
+def _judge_long_traverse(motion: BoardMotion) -> None:
+    """A helix whose traverse makes the most steps: at any time it is as far as the arc has
+    turned."""
+    radius, traverse = 200, 600
+    motion.ready(motion.plane(1, 2, 3))
+    motion.do(f"+-{radius},0,-{2 * radius},0,1,{traverse},0", "MN4-CMD-HEL-01")
+    for x, y, z, _ in motion.follow("MN4-HEL-02", samples=8):
+        ahead = remainder(atan2(-y, x + radius) - pi * z / traverse, tau) * radius
+        told = f"the arc within {ALONG} steps of where it is at {z} of {traverse} steps"
+        is_even = abs(ahead) <= ALONG
+        motion.session.expect(is_even, "MN4-HEL-02", told, f"{ahead:.2f} at {(x, y, z)}")
 
 
 @check("MN4-HEL-03", safety=MOTION)
