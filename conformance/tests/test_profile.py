@@ -60,7 +60,6 @@ MEETING = [
 ]
 # Readings of which the others hide the last one: the values that are left.
 HIDING = [
-    ({"ramp_law": "equal_increments", "triangle_law": "shared_peak"}, ("mirror", "shared_peak")),
     (
         {
             "vel_f6_direction": "positive", "vel_during_position": "refuse",

@@ -537,7 +537,12 @@ class Engine:
         if run.target.crash:
             return False
         if check.danger > 0:
-            self._guard.restore(run)
+            try:
+                self._guard.restore(run)
+            except TargetError:  # who has restarted meanwhile is deaf for a while
+                if self._guard.blocked or not self._guard.is_sane(run):
+                    raise
+                self._guard.restore(run)
         return self._guard.is_sane(run)
 
     def _is_alone(self, run: Run, check: Check) -> bool:

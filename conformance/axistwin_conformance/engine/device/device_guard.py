@@ -282,7 +282,7 @@ class DeviceGuard:
 
         run.next_check = before
         try:
-            self._settle(run, put_back)
+            self.climbing(run, "put_back", put_back, is_blamed=run.target.is_lossless)
         finally:
             run.next_check = None
         if run.runaway:
@@ -290,18 +290,8 @@ class DeviceGuard:
 
     def bring_to_rest(self, run: Run) -> None:
         """Stop, and nothing else; raises TargetError for a lost port."""
-        self._settle(run, self.options.family.stop)
-
-    def _settle(self, run: Run, act: Callable[[Session], None]) -> None:
-        """Stop, or put back; once more if it answers again, since who has restarted meanwhile is
-        deaf for a while."""
         is_blamed = run.target.is_lossless
-        try:
-            self.climbing(run, "put_back", act, is_blamed=is_blamed)
-        except TargetError:
-            if run.target.crash or self.blocked or not self.is_sane(run):
-                raise
-            self.climbing(run, "put_back", act, is_blamed=is_blamed)
+        self.climbing(run, "put_back", self.options.family.stop, is_blamed=is_blamed)
 
     def _keep_still(self, run: Run) -> None:
         """An axis that goes elsewhere than it is told has failed by that, whatever else a check

@@ -211,8 +211,10 @@ class MscClient:
         return received
 
     def _refuse_endless_signs(self, received: bytes) -> None:
-        """Judge what came without an end, though nobody asked (MSC-LNK-04)."""
-        if len(received) <= MOST_STRAYS or received.strip(ACK + NAK):
+        """Judge what came without an end, though nobody asked (MSC-LNK-04); each byte of what was
+        sent may have drawn a sign (MSC-AMB-30)."""
+        most = max(MOST_STRAYS, len(self.target.last_sent))
+        if len(received) <= most or received.strip(ACK + NAK):
             return
         came = f"{len(received)} more, {codec.explain(received[:1])} first, and no end"
         self.session.run.violations.append(("MSC-LNK-04", "one ACK or NAK for a packet", came))

@@ -223,6 +223,21 @@ def motion_start_ref(driver: AxisDriver) -> Outcome:
 
 
 @probe(safety=MOVES)
+def triangle_law(driver: AxisDriver) -> Outcome:
+    """A move of two increments at FFFFh: both on the first level, 262 ms, or on the second."""
+    start = driver.motion.ready(SLOWEST, 1)
+    exchange = driver.judge.accepted(0x13, start + 2)
+    # Where a step counts at its beginning, the second one begins after 131 ms, or after 66 ms.
+    look_ms = 100 if driver.readings.known("step_phase") else 200
+    driver.client.wait_until(exchange.taken.earliest_ns + look_ms * 1_000_000)
+    sample = driver.client.sample()
+    if sample.taken.latest_ns - exchange.taken.earliest_ns > look_ms * 1_250_000:
+        driver.session.skip("its replies take too long to tell")
+    moved = sample.position - start
+    return {1: 0, 2: 1}.get(moved, f"{moved} of 2 increments after {look_ms} ms")
+
+
+@probe(safety=MOVES)
 def ramp_law(driver: AxisDriver) -> Outcome:
     """A move of two ramps, sampled: the two laws differ by 1.69 in time."""
     start = driver.motion.ready(RAMP_PERIOD, 2)
@@ -237,23 +252,6 @@ def ramp_law(driver: AxisDriver) -> Outcome:
         seen = ", ".join(f"{sample.position - start} in {sample.taken}" for sample in samples)
         return f"a ramp that fits neither law: {seen}"
     return tuple(fitting)
-
-
-@probe(safety=MOVES)
-def triangle_law(driver: AxisDriver) -> Outcome:
-    """A move of two increments at FFFFh: both on the first level, 262 ms, or on the second."""
-    start = driver.motion.ready(SLOWEST, 1)
-    exchange = driver.judge.accepted(0x13, start + 2)
-    # Where a step counts at its beginning, the second one begins after 131 ms, or after 66 ms.
-    look_ms = 100 if driver.readings.known("step_phase") else 200
-    driver.client.wait_until(exchange.taken.earliest_ns + look_ms * 1_000_000)
-    sample = driver.client.sample()
-    if sample.taken.latest_ns - exchange.taken.earliest_ns > look_ms * 1_250_000:
-        driver.session.skip("its replies take too long to tell")
-    moved = sample.position - start
-    if moved == 1 and driver.readings.known("ramp_law"):
-        return 0, 1  # of levels of equal increments both laws make the same
-    return {1: 0, 2: 1}.get(moved, f"{moved} of 2 increments after {look_ms} ms")
 
 
 @probe(safety=MOVES)
