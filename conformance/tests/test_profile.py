@@ -115,7 +115,7 @@ def test_readings_that_act_on_one_another_conform(readings: str, check: str) -> 
     TWINS.conforms_with(dict(one.split("=") for one in readings.split()), "full", check)
 
 
-@pytest.mark.parametrize(("readings", "left"), HIDING, ids=["ramp", "reversal"])
+@pytest.mark.parametrize(("readings", "left"), HIDING, ids=["reversal"])
 def test_a_reading_that_others_hide_is_told_as_one_of_several(
     readings: Readings, left: tuple[str, ...]
 ) -> None:

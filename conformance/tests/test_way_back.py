@@ -217,6 +217,7 @@ def test_a_second_interrupt_stops_an_axis_that_is_driven_back(pty_twin: Any, num
         far = pty_twin.position
         while pty_twin.position >= far:  # on its way
             assert process.poll() is None
+        time.sleep(1.0)  # sooner it would be the same breath
         process.send_signal(number)
         began_s = time.monotonic()
         rest = process.stdout.read()
