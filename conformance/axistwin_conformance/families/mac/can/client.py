@@ -22,7 +22,6 @@ from typing import ClassVar, Final
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
 from axistwin_conformance.families.mac.axis.driver.client import (
-    QUIET_S,
     AxisClient,
     AxisExchange,
     AxisFace,
@@ -260,7 +259,7 @@ class CanClient(AxisClient):
         frame = request if isinstance(request, Frame) else request.frame()
         self.target.drain()
         self.target.send(frame)
-        reply = self.target.receive(codec.is_reply, QUIET_S + self.target.uncertainty_ns / 1e9)
+        reply = self.target.receive(codec.is_reply, self.quiet_s)
         actual = "silence" if reply is None else codec.explain(reply.frame)
         did = f"got no reply{WAITED}" if reply is None else f"was answered with {actual}"
         seen = Observation(f"{REQUEST} {did}", actual, request=frame.pack(), is_whole=False)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Part
+from axistwin_conformance.families.mac.axis.driver.client import Part
 from axistwin_conformance.families.mac.axis.driver.motion import CLOCK_ERROR
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.can import codec
@@ -51,7 +51,7 @@ def replies(driver: CanDriver, *frames: Frame, is_awaited: bool = True) -> tuple
     driver.client.target.drain()
     for frame in frames:
         driver.client.target.send(frame)
-    quiet_s = QUIET_S + driver.client.target.uncertainty_ns / 1e9
+    quiet_s = driver.client.quiet_s
     received: list[Frame] = []
     silence_limit_s = driver.session.reply_timeout_s if is_awaited else quiet_s
     for _ in range(len(frames) + MOST_BESIDE):  # who never falls silent is not waited for

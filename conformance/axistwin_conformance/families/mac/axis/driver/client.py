@@ -102,6 +102,11 @@ class AxisClient(ABC):
         self.address = session.address if address is None else address
         self.precautions: Precautions | None = None
 
+    @property
+    def quiet_s(self) -> float:
+        """How long nothing must come until it counts as silence, on this line."""
+        return QUIET_S + self.target.uncertainty_ns / 1e9
+
     # --- what a face brings -----------------------------------------------------------------------
 
     @abstractmethod
@@ -315,7 +320,7 @@ class AxisClient(ABC):
 
     def silence_after(self, request: Any) -> tuple[bool, str, Observation]:
         """Send what must get no reply: whether none came, what is expected, and what came."""
-        exchange = self.send(request, QUIET_S + self.target.uncertainty_ns / 1e9)
+        exchange = self.send(request, self.quiet_s)
         is_silent = exchange.kind is ReplyKind.SILENCE
         return is_silent, self.wanted(ReplyKind.SILENCE), self.observed(exchange)
 

@@ -366,9 +366,7 @@ def requests_are_served_at_the_old_address_meanwhile(session: Session) -> None:
         for frame in (codec.lmt_enter(), codec.lmt_address(new)):
             configure(driver, frame)
             for index in (*codec.ANSWERED, 0x0F, 0x18):
-                kind = driver.client.within(
-                    QUIET_S + driver.client.target.uncertainty_ns / 1e9, index
-                ).kind
+                kind = driver.client.within(driver.client.quiet_s, index).kind
                 served = ReplyKind.ANSWER if index in codec.ANSWERED else ReplyKind.ACCEPTED
                 outcome = {served: 0, ReplyKind.SILENCE: 1}.get(
                     kind, f"{kind.value} to {index:02X}h"

@@ -206,8 +206,8 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
 def _judge_still_deaf(driver: SerialDriver, restart: AxisExchange, requirement: str) -> None:
     """A query just before a restarted module may listen again gets no reply; nothing is asked where
     the module is so slow that a query could come too late."""
-    asked_in_s = 2 * QUIET_S + driver.session.target.line_s
-    until_ns = restart.taken.earliest_ns + round((driver.motion.deaf_surely_s - asked_in_s) * 1e9)
+    query_s = 2 * QUIET_S + driver.session.target.line_s
+    until_ns = restart.taken.earliest_ns + round((driver.motion.deaf_surely_s - query_s) * 1e9)
     if driver.client.target.now_ns > until_ns:
         return
     driver.client.wait_until(until_ns)

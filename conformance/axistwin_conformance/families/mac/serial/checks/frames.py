@@ -154,7 +154,7 @@ def another_byte_for_etx_drops_the_frame(session: Session) -> None:
 def _is_dropped(
     driver: SerialDriver, frame: SerialRequest, names: tuple[str, ...] = ("MACS-FRAME-12",)
 ) -> None:
-    kind = driver.client.send(frame, QUIET_S + driver.client.target.uncertainty_ns / 1e9).kind
+    kind = driver.client.send(frame, driver.client.quiet_s).kind
     readings = {ReplyKind.SILENCE: 0, ReplyKind.NACK: 1}
     driver.judge.reading(
         "bad_frame_reply", readings.get(kind, f"{kind.value} to a malformed frame"), names

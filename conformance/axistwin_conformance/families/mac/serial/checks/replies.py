@@ -86,8 +86,7 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
 
 def _nothing_follows(driver: SerialDriver, exchange: AxisExchange) -> None:
     """Judge that the reply to a request was all that it got."""
-    target = driver.session.target
-    surplus = target.receive(3, QUIET_S + target.uncertainty_ns / 1e9)
+    surplus = driver.client.target.receive(3, driver.client.quiet_s)
     behind = f"{exchange.reply}, and then {surplus.hex(' ').upper()}"
     seen = Observation(f"{REQUEST} got {behind}", behind, request=exchange.request)
     driver.session.expect(not surplus, "MACS-REPLY-12", "nothing behind the reply", seen)

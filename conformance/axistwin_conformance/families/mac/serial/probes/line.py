@@ -100,7 +100,7 @@ def bad_frame_reply(driver: SerialDriver) -> Outcome:
     """A query with length field 015, and one with another byte for Etx."""
     whole = driver.client.request(0x20)
     kinds = {
-        driver.client.send(frame, QUIET_S + driver.client.target.uncertainty_ns / 1e9).kind
+        driver.client.send(frame, driver.client.quiet_s).kind
         for frame in (replace(whole, length=b"015"), replace(whole, end=b"\r"))
     }
     if len(kinds) > 1:
