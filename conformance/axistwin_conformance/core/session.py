@@ -142,8 +142,8 @@ class Run:
     rig: Rig | None = None
     doubted: set[bytes] = field(default_factory=set)  # requests of which an answer has failed
     memory: Any = None  # what the family's `remember` read; None in a run that is passive only
-    # What a hook of the family has seen fail, and goes on without: requirement, expected, came.
     answered_wrongly: set[bytes] = field(default_factory=set)  # of the questions between checks
+    # What a hook of the family has seen fail, and goes on without: requirement, expected, came.
     violations: list[tuple[str, str, str]] = field(default_factory=list)
     cleanups: list[Cleanup] = field(default_factory=list)  # the last one is to be given back first
     readings: Readings = field(default_factory=Readings)

@@ -119,7 +119,7 @@ class MscClient:
         packet, strays = self._next_packet(timeout_s)
         is_whole = packet is None or packet.is_sound
         if not is_whole or strays.strip(ACK + NAK):
-            self.session.note_broken_reply(strays + (packet.raw if packet else b""))
+            self.session.note_broken_reply(codec.bytes_of(packet, strays))
         return packet, strays
 
     def _next_packet(self, timeout_s: float | None = None) -> tuple[Packet | None, bytes]:
@@ -204,7 +204,7 @@ class MscClient:
             packet, strays = self._next_packet(quiet_s)
             if packet is None and not strays:
                 return received
-            received += strays + (packet.raw if packet else b"")
+            received += codec.bytes_of(packet, strays)
             if packet is not None or STX in strays:
                 self.target.send(ACK)
         self._refuse_endless_signs(received)

@@ -216,6 +216,11 @@ class Packet:
         return explain_packet(self)
 
 
+def bytes_of(packet: Packet | None, strays: bytes) -> bytes:
+    """All that came: a packet, if there was one, and what stood before it."""
+    return strays + (packet.raw if packet else b"")
+
+
 @lru_cache(maxsize=4096)
 def parse(raw: bytes) -> Packet | None:
     """Take bytes apart that are to be one packet; None for what cannot be one: too short, or begun

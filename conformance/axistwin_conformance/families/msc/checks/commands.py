@@ -73,7 +73,7 @@ def a_write_draws_its_ack_and_nothing_else(session: Session) -> None:
         is_empty = reply is not None and reply.is_sound and reply.unit == driver.unit
         is_empty = is_empty and reply is not None and not reply.payload
         if strays or (reply is not None and not is_empty):
-            received = codec.explain(strays + (reply.raw if reply else b""))
+            received = codec.explain(codec.bytes_of(reply, strays))
             both = (*names, "MSC-CMD-05")
             session.fail(both, ["nothing behind the ACK", "an empty packet"], received)
         driver.reading("write_reply", "empty_packet" if is_empty else "none", names)

@@ -163,8 +163,7 @@ def _play(driver: MscDriver, golden: Golden) -> None:
             driver.target.send(data)
             continue
         if len(data) > 1:  # as long as it says: a repeat is not to be taken for a part of it
-            reply, strays = driver.client.receive_packet()
-            received = strays + (reply.raw if reply is not None else b"")
+            received = codec.bytes_of(*driver.client.receive_packet())
             received, data = _as_read(driver, received, data)
         else:
             received = driver.client.receive(len(data))

@@ -73,7 +73,7 @@ def a_write_draws_the_ack_and_nothing_else(session: Session) -> None:
 def _judge_after_write(driver: MscDriver, body: bytes) -> None:
     """What comes behind the ACK to a write: nothing, or an empty packet (MSC-AMB-36)."""
     packet, strays = driver.client.receive_packet(driver.link.glance_s)
-    received = strays + (packet.raw if packet else b"")
+    received = codec.bytes_of(packet, strays)
     name = body.partition(codec.COMMA)[0].decode()
     is_empty = (
         packet is not None

@@ -103,11 +103,9 @@ def _answer(name: str, unit: int, reply: bytes) -> Lenient | None:
         signs = ACK if reply[:1] == ACK else b""
         misnamed, right = _renamed(name, reply[len(signs) :])
         answer = _answer(name, unit, signs + right) if misnamed else None
-        return (
-            replace(answer, departures=(*misnamed, *answer.departures))
-            if answer
-            else _unnamed(name, reply)
-        )
+        if answer is None:
+            return _unnamed(name, reply)
+        return replace(answer, departures=(*misnamed, *answer.departures))
     signs, header = _parted(reply[:at])
     found = _packets(name, unit, header + reply[at:])
     departures = list(found.departures)
