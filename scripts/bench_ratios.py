@@ -20,6 +20,7 @@ from scripts.bench_tools import SLICES, Exchange
 import axistwin as _axistwin  # noqa: F401 - registers the URL scheme
 
 ANSWER_BYTES = 21
+BAUD = 38400
 PATIENCE_S = 0.03
 QUICK_QUIRKS = "quirk.response_delay_ms=0&quirk.reply_delay_ms=0"
 GARBAGE = random.Random(14).randbytes(4096)
@@ -51,7 +52,7 @@ class Contestant:
         self.closing: bytes = settings.pop("closing", b"")
         self.writes: bool = settings.pop("writes", False)
         mark = "&" if "?" in devices else "?"
-        options = {"baudrate": 38400, "timeout": PATIENCE_S} | settings
+        options = {"baudrate": BAUD, "timeout": PATIENCE_S} | settings
         self.port: Any = serial.serial_for_url(f"axistwin://{devices}{mark}time=virtual", **options)
         self.best_s = float("inf")
 
@@ -81,6 +82,15 @@ class Contestant:
         self.best_s = min(self.best_s, used / count / self.frames)
 
 
+def garbage(where: str, baud: int) -> Contestant:
+    """Bytes that mean nothing, from a host at that rate."""
+    size = 1024
+    name = f"garbage at {where}, {ANSWER_BYTES} bytes of it"
+    frames = size / ANSWER_BYTES
+    data = GARBAGE[:size]
+    return Contestant(name, "mac23:0", baudrate=baud, data=data, expects=None, frames=frames)
+
+
 def mac_contestants() -> list[Contestant]:
     """One module and what is out of the ordinary on its line."""
     return [
@@ -89,29 +99,9 @@ def mac_contestants() -> list[Contestant]:
         Contestant("the host at half the rate", "mac23:0", baudrate=19200, expects=0),
         Contestant("the host at 9600", "mac23:0", baudrate=9600, expects=0),
         Contestant("the host at 115200", "mac23:0", baudrate=115200, expects=0),
-        Contestant(
-            "garbage at 19200, 21 bytes of it",
-            "mac23:0",
-            baudrate=19200,
-            data=GARBAGE[:1024],
-            expects=None,
-            frames=1024 / 21,
-        ),
-        Contestant(
-            "garbage at 115200, 21 bytes of it",
-            "mac23:0",
-            baudrate=115200,
-            data=GARBAGE[:1024],
-            expects=None,
-            frames=1024 / 21,
-        ),
-        Contestant(
-            "garbage at the right rate, 21 bytes of it",
-            "mac23:0",
-            data=GARBAGE[:1024],
-            expects=None,
-            frames=1024 / 21,
-        ),
+        garbage("19200", 19200),
+        garbage("115200", 115200),
+        garbage("the right rate", BAUD),
         Contestant(
             "a module at 9600, the host at 115200",
             "mac23:0?baud=9600",
