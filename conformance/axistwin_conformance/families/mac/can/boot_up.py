@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange, quiet_s
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
@@ -40,7 +40,7 @@ def boot_silence_limit_s(driver: CanDriver) -> float:
 def restart(driver: CanDriver) -> SeenRestart:
     """Send 2000h and listen up to the boot-up message."""
     driver.client.target.take_spontaneous()
-    exchange = driver.client.within(driver.client.quiet_s, 0x00)
+    exchange = driver.client.within(quiet_s(driver.client.target), 0x00)
     boot_up, before = await_boot_up(driver)
     return SeenRestart(exchange, taken_over(driver, exchange), boot_up, before)
 

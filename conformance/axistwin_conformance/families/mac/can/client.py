@@ -25,6 +25,7 @@ from axistwin_conformance.families.mac.axis.driver.client import (
     AxisClient,
     AxisExchange,
     AxisFace,
+    quiet_s,
 )
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
@@ -259,7 +260,7 @@ class CanClient(AxisClient):
         frame = request if isinstance(request, Frame) else request.frame()
         self.target.drain()
         self.target.send(frame)
-        reply = self.target.receive(codec.is_reply, self.quiet_s)
+        reply = self.target.receive(codec.is_reply, quiet_s(self.target))
         actual = "silence" if reply is None else codec.explain(reply.frame)
         did = f"got no reply{WAITED}" if reply is None else f"was answered with {actual}"
         seen = Observation(f"{REQUEST} {did}", actual, request=frame.pack(), is_whole=False)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.client import Part
+from axistwin_conformance.families.mac.axis.driver.client import Part, quiet_s
 from axistwin_conformance.families.mac.axis.driver.motion import CLOCK_ERROR
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.can import codec
@@ -51,14 +51,14 @@ def replies(driver: CanDriver, *frames: Frame, is_awaited: bool = True) -> tuple
     driver.client.target.drain()
     for frame in frames:
         driver.client.target.send(frame)
-    quiet_s = driver.client.quiet_s
+    pause_s = quiet_s(driver.client.target)
     received: list[Frame] = []
-    silence_limit_s = driver.session.reply_timeout_s if is_awaited else quiet_s
+    silence_limit_s = driver.session.reply_timeout_s if is_awaited else pause_s
     for _ in range(len(frames) + MOST_BESIDE):  # who never falls silent is not waited for
         if (arrival := driver.client.target.receive(codec.is_reply, silence_limit_s)) is None:
             break
         received.append(arrival.frame)
-        silence_limit_s = quiet_s
+        silence_limit_s = pause_s
     return tuple(received)
 
 

@@ -91,6 +91,11 @@ class Precautions(Protocol):
         """Called when the reply has come."""
 
 
+def quiet_s(target: Transport) -> float:
+    """How long nothing must come until it counts as silence, this way."""
+    return QUIET_S + target.uncertainty_ns / 1e9
+
+
 class AxisClient(ABC):
     """One module: what is sent to it, and what it answers."""
 
@@ -101,11 +106,6 @@ class AxisClient(ABC):
         self.target: Transport = session.transport
         self.address = session.address if address is None else address
         self.precautions: Precautions | None = None
-
-    @property
-    def quiet_s(self) -> float:
-        """How long nothing must come until it counts as silence, on this line."""
-        return QUIET_S + self.target.uncertainty_ns / 1e9
 
     # --- what a face brings -----------------------------------------------------------------------
 
@@ -320,7 +320,7 @@ class AxisClient(ABC):
 
     def silence_after(self, request: Any) -> tuple[bool, str, Observation]:
         """Send what must get no reply: whether none came, what is expected, and what came."""
-        exchange = self.send(request, self.quiet_s)
+        exchange = self.send(request, quiet_s(self.target))
         is_silent = exchange.kind is ReplyKind.SILENCE
         return is_silent, self.wanted(ReplyKind.SILENCE), self.observed(exchange)
 

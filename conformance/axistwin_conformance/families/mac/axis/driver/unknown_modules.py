@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.base.retry import RETRY
-from axistwin_conformance.families.mac.axis.driver.client import AxisClient
+from axistwin_conformance.families.mac.axis.driver.client import AxisClient, quiet_s
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 
 # What stays as it is while an axis is at rest; the release differs between versions.
@@ -56,7 +56,7 @@ def _in_turn(first: AxisClient, second: AxisClient, index: int) -> tuple[set[Val
 
 def _answer_of(module: AxisClient, index: int) -> Value:
     """What a module answers, under its own address; None without such an answer."""
-    reply = module.send(module.request(index), module.quiet_s).reply
+    reply = module.send(module.request(index), quiet_s(module.target)).reply
     is_own = reply.kind is ReplyKind.ANSWER and module.is_answer(index, reply, in_any_reading=True)
     data: Value = reply.data
     return data if is_own else None

@@ -11,7 +11,7 @@ from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import RIG, Observation
 from axistwin_conformance.families.mac.axis.driver import factory
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, quiet_s
 from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
@@ -366,7 +366,7 @@ def requests_are_served_at_the_old_address_meanwhile(session: Session) -> None:
         for frame in (codec.lmt_enter(), codec.lmt_address(new)):
             configure(driver, frame)
             for index in (*codec.ANSWERED, 0x0F, 0x18):
-                kind = driver.client.within(driver.client.quiet_s, index).kind
+                kind = driver.client.within(quiet_s(driver.client.target), index).kind
                 served = ReplyKind.ANSWER if index in codec.ANSWERED else ReplyKind.ACCEPTED
                 outcome = {served: 0, ReplyKind.SILENCE: 1}.get(
                     kind, f"{kind.value} to {index:02X}h"

@@ -9,7 +9,12 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange, Part
+from axistwin_conformance.families.mac.axis.driver.client import (
+    QUIET_S,
+    AxisExchange,
+    Part,
+    quiet_s,
+)
 from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD, segment_parameter
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
@@ -154,7 +159,7 @@ def another_byte_for_etx_drops_the_frame(session: Session) -> None:
 def _is_dropped(
     driver: SerialDriver, frame: SerialRequest, names: tuple[str, ...] = ("MACS-FRAME-12",)
 ) -> None:
-    kind = driver.client.send(frame, driver.client.quiet_s).kind
+    kind = driver.client.send(frame, quiet_s(driver.client.target)).kind
     readings = {ReplyKind.SILENCE: 0, ReplyKind.NACK: 1}
     driver.judge.reading(
         "bad_frame_reply", readings.get(kind, f"{kind.value} to a malformed frame"), names

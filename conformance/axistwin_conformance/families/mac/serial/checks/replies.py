@@ -7,7 +7,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange, quiet_s
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
@@ -86,7 +86,7 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
 
 def _nothing_follows(driver: SerialDriver, exchange: AxisExchange) -> None:
     """Judge that the reply to a request was all that it got."""
-    surplus = driver.client.target.receive(3, driver.client.quiet_s)
+    surplus = driver.client.target.receive(3, quiet_s(driver.client.target))
     behind = f"{exchange.reply}, and then {surplus.hex(' ').upper()}"
     seen = Observation(f"{REQUEST} got {behind}", behind, request=exchange.request)
     driver.session.expect(not surplus, "MACS-REPLY-12", "nothing behind the reply", seen)

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, quiet_s
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, reply_of
 from axistwin_conformance.families.mac.serial import codec
@@ -100,7 +100,7 @@ def bad_frame_reply(driver: SerialDriver) -> Outcome:
     """A query with length field 015, and one with another byte for Etx."""
     whole = driver.client.request(0x20)
     kinds = {
-        driver.client.send(frame, driver.client.quiet_s).kind
+        driver.client.send(frame, quiet_s(driver.client.target)).kind
         for frame in (replace(whole, length=b"015"), replace(whole, end=b"\r"))
     }
     if len(kinds) > 1:
