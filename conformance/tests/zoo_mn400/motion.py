@@ -242,6 +242,25 @@ def radii_may_differ_by_a_tenth(patch: MonkeyPatch) -> None:
     patch.setattr(orders, "arc_is_round", lambda rules, center, end: center != (0, 0))
 
 
+@board_mutant("MN4-CMD-A-04", "MN4-CMD-A-02")
+def an_arc_that_waits_is_looked_at_from_where_the_axes_are(patch: MonkeyPatch) -> None:
+    """Whether it is round, in absolute mode, behind a motion that runs."""
+    around(patch, Mover, "expected", lambda go, mover, now: mover.position_at(now))
+
+
+@board_mutant("MN4-CMD-A-04")
+def an_arc_that_waits_knows_nothing_of_traverses_before_it(patch: MonkeyPatch) -> None:
+    """Whether it is round, in absolute mode, behind a helix that waits."""
+
+    def act(go: Any_, order: MotionOrder, position: Any, quirks: Any) -> Any:
+        end = list(go())
+        if order.letter == "+":
+            end[order.settings.plane[2]] = position[order.settings.plane[2]]
+        return tuple(end)
+
+    around(patch, MotionOrder, "end", act)
+
+
 @board_mutant("MN4-ARC-07")
 def a_radius_of_zero_is_taken(patch: MonkeyPatch) -> None:
     """A0,0,0,0,1 draws DONE."""

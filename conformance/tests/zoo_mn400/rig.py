@@ -11,6 +11,7 @@ from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion
 from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
+from axistwin.kernel.schedule import NEVER
 from zoo_mn400.planting import Any_, MonkeyPatch, S, around, board_mutant, plans, values
 
 # --- limits, shield, panel ------------------------------------------------------------------------
@@ -21,6 +22,29 @@ def limits_stop_nothing(patch: MonkeyPatch) -> None:
     """They are shown by S, and that is all."""
     around(patch, Inputs, "blocks", lambda go, inputs, axis, direction: False)
     patch.setattr(Inputs, "limits_on", property(lambda inputs: iter(())))
+
+
+@board_mutant("MN4-LIM-02")
+def a_limit_that_was_let_go_stops_its_axis_later(patch: MonkeyPatch) -> None:
+    """Where the axis would have met it, had it stayed on."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        foreseen = mover._limit_ns
+        go()
+        mover._limit_ns = min(foreseen, mover._limit_ns)
+
+    around(patch, Mover, "_watch", act)
+
+
+@board_mutant("MN4-LIM-01", "MN4-LIM-02")
+def limits_are_looked_at_when_a_motion_begins(patch: MonkeyPatch) -> None:
+    """And when one is worked: an arc that turns towards one is not stopped."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        go()
+        mover._limit_ns = NEVER
+
+    around(patch, Mover, "_watch", act)
 
 
 @board_mutant("MN4-CMD-EXIT-01", traps=(26,))
