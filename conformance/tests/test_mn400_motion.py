@@ -98,11 +98,11 @@ WRONG: dict[str, tuple[Make, str]] = {
         hears(("A-500,0,-1000,0,1", "A-500,0,-1000,0,-1")), "MN4-ARC-05",
     ),
     "arcs_run_in_the_plane_that_was_set": (hears(("P4,1,2", "P1,4,2")), "MN4-CMD-P-01"),
-    "an_arc_to_beside_its_start_is_short_or_nearly_whole": (
+    "the_angle_says_how_far_an_arc_goes": (
         hears(("A-60,-80,-1,-2,1", "A-60,-80,-1,-2,-1")), "MN4-ARC-01",
     ),
     "an_arc_that_waits_begins_where_what_is_before_it_ends": (
-        hears(("A120,-40,120,0,-1", "A120,-40,120,0,1")), "MN4-CMD-A-02",
+        hears(("A160,-80,122,-80,-1", "A160,-80,122,-80,1")), "MN4-CMD-A-02",
     ),
     "an_arc_to_its_start_is_a_full_circle": (is_read_as(arc_zero_sweep="none"), "MN4-ARC-06"),
     "radii_must_agree": (hears(("A-100,0,-50,0,1", "A-100,0,-200,0,1")), "MN4-CMD-A-04"),

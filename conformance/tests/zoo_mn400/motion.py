@@ -10,6 +10,7 @@ from axistwin.devices.mn400.motion import (
     MoveSettings,
     SpeedProfile,
     arc_is_round,
+    arcs,
     straight,
 )
 from axistwin.devices.mn400.motion.circle import LatticeCircle
@@ -234,6 +235,19 @@ def an_eighth_of_the_circle_is_mistaken(patch: MonkeyPatch) -> None:
         return circle.quarter - y if 0 < x < -y else int(go())
 
     around(patch, LatticeCircle, "tick_at", act)
+
+
+@board_mutant("MN4-ARC-01")
+def an_arc_goes_by_the_points_of_the_lattice(patch: MonkeyPatch) -> None:
+    """An end beside the circle, whose nearest point lies behind the start, takes a whole circle."""
+    sweep_of = arcs._final_sweep
+
+    def act(circle: LatticeCircle, start: Any, goal: Any, *rest: Any) -> tuple[float, int]:
+        sweep, ticks = sweep_of(circle, start, goal, *rest)
+        points = (circle.tick_at(*goal) - circle.tick_at(*start)) % (4 * circle.quarter)
+        return sweep, points or ticks
+
+    patch.setattr(arcs, "_final_sweep", act)
 
 
 @board_mutant("MN4-CMD-A-04")
