@@ -13,6 +13,7 @@ from axistwin.devices.mn400.motion import (
     arcs,
     straight,
 )
+from axistwin.devices.mn400.motion.arcs import ArcPath
 from axistwin.devices.mn400.motion.circle import LatticeCircle
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
@@ -413,6 +414,18 @@ def _memories(patch: MonkeyPatch, change: Any_) -> None:
 def backlash_is_not_taken_up(patch: MonkeyPatch) -> None:
     """B is answered, and nothing comes of it."""
     _memories(patch, lambda settings: replace(settings, lash=(0, 0, 0, 0)))
+
+
+@board_mutant("MN4-BKL-06")
+def a_rounded_arc_ends_the_other_way(patch: MonkeyPatch) -> None:
+    """Behind one whose end lies beside its circle the other directions are remembered."""
+
+    def act(go: Any_, path: ArcPath, axis: int, n: int) -> int:
+        shift = path._shifts[axis]
+        is_beside = shift is not None and n > path._on_circle[shift][1]
+        return -int(go()) if is_beside else int(go())
+
+    around(patch, ArcPath, "heading", act)
 
 
 @board_mutant("MN4-BKL-01", "MN4-BKL-02", "MN4-CMD-B-01", "MN4-CMD-D-02", traps=(39,))
