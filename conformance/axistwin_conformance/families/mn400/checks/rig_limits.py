@@ -109,7 +109,7 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
         motion.run(alone(other, 100), "MN4-LIM-04")
         if driver.reading("limit_direction") == "toward":
             motion.run(alone(axis, -direction * 30), "MN4-LIM-02")
-            for text in ("B40,40,40,40", f"D{','.join([str(direction)] * AXES)}"):
+            for text in ("B4,4,4,4", f"D{','.join([str(direction)] * AXES)}"):
                 motion.do(text, "MN4-BKL-01")
             motion.run(alone(axis, -direction * 30), ("MN4-LIM-02", "MN4-BKL-01"))
             motion.do("B0,0,0,0", "MN4-BKL-01")
