@@ -282,6 +282,38 @@ def test_an_axis_seen_where_nothing_leads_is_not_moved_again(line: Line) -> None
     assert not line.refuses(0x18)
 
 
+def test_what_may_have_moved_an_axis_is_not_sent_again(line: Line) -> None:
+    """All that was sent since it was last seen where it should be, whatever it is by its name."""
+    line.say(0x0F, 2)
+    line.at(500)
+    line.say(0x02, 1)
+    line.say(0x1C, 5)
+    line.at(3000)
+    assert not line.refuses(0x02, 0), "it may have been noise"
+    line.at(3100)
+    assert "after 1Ch, where other commands lead to +0..+0" in line.travel_guard.runaway
+    assert line.travel_guard.broken == "MACS-CMD-1C-01"
+    assert line.refuses(0x02, 0)
+    assert line.refuses(0x1C, 0)
+    assert not line.refuses(0x0F, 0)
+    assert not line.refuses(0x18)
+    assert not line.refuses(0x26)
+
+
+def test_an_axis_that_ran_away_tells_what_moves_it_further(line: Line) -> None:
+    """Each command that is followed by another place."""
+    line.say(0x13, 900)
+    line.at(3000)
+    line.at(3100)
+    line.say(0x0F, 2)
+    line.at(3100)
+    assert not line.refuses(0x0F, 3), "it stood"
+    line.say(0x0D, 0x1000)
+    line.at(3200)
+    assert line.refuses(0x0D, 0x1000)
+    assert not line.refuses(0x02)
+
+
 def test_an_axis_that_creeps_the_other_way_is_seen_to(line: Line) -> None:
     """Each reading lies within what an axis may run on from the one before."""
     line.say(0x13, 900)

@@ -71,6 +71,12 @@ class Axis:
         reach = (self.reach[0] + self.directions[0] * far, self.reach[1] + self.directions[1] * far)
         return replace(self, reach=reach, since_ns=now_ns)
 
+    def level_ticks(self, index: int, parameter: int) -> int:
+        """What an increment takes at the foot of the ramp of a motion asked for."""
+        if not self.coefficient or index == 0x16:
+            return 0  # no slower than any speed that can be asked for
+        return RAMP_LEVELS * (parameter & 0xFFFF if index == 0x15 else self.period)
+
     def joined(self, other: Axis) -> Axis:
         """Either of two; nobody knows which."""
         directions = join(self.directions, other.directions)

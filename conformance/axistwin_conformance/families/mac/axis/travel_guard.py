@@ -21,7 +21,9 @@ like endless motion until its target is seen.
 What is sent rests on what the device is believed to do.  A counter reading of a place where the
 axis cannot be (`_is_runaway`) shows that it does something else; a second one in a row is no noise,
 and from then on nothing that moves is sent any more (`runaway`), so that it strays by one motion
-and not by their sum.  A shaft that the rig may have turned is taken to be where it is seen next.
+and not by their sum; nor is any of what was sent since it was last seen where it should be, since
+that moved it (`_suspects`), whatever it is by its name.  A shaft that the rig may have turned is
+taken to be where it is seen next.
 
 18h is never held back.  Any other request may be (`OutsideEnvelope`, which names what it would
 take): `foresee` asks beforehand, so that a check can be left out instead.  Judged is what a device
@@ -37,9 +39,8 @@ from typing import Any, Final, NoReturn, Protocol
 
 from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.core.readings import Readings
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
+from axistwin_conformance.families.mac.axis.exchanges import QUERIES, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.kinematics import (
-    RAMP_LEVELS,
     TICKS_PER_SECOND,
     ramp_increments,
 )
@@ -53,6 +54,7 @@ from axistwin_conformance.families.mac.axis.shaft import (
     join,
     shift,
 )
+from axistwin_conformance.families.mac.axis.suspects import Suspects
 
 MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
 # The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -51).
@@ -70,6 +72,7 @@ ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
 SWING: Final = 100  # increments: a shaft may swing, or be pushed, by fewer
 MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
 MOVING: Final = MOTIONS | {0x11}
+NEVER_HELD_BACK: Final = {STOP, *QUERIES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +135,7 @@ class AxisTravelGuard:
         self.written: dict[int, dict[int, int]] = {}  # parameters, last value of each, by address
         self.run_on = 0  # how many increments more 18h and stops may take, while that is asked
         self._doubtful: set[int] = set()  # axes last seen where they cannot be
+        self._suspects = Suspects()
         self._found_periods: dict[int, int] = {}
         self._before: dict[int, Axis] = {}
         self._after: dict[int, Axis] = {}
@@ -173,9 +177,12 @@ class AxisTravelGuard:
         requests = self.reader.foreseen(data)
         for asked in requests:
             self._account(after, asked, now_ns)
+            addresses = tuple(self.axes) if asked.address is None else (asked.address,)
             if asked.index in PARAMETERS:
-                for address in self.axes if asked.address is None else (asked.address,):
+                for address in addresses:
                     self.written.setdefault(address, {})[asked.index] = asked.parameter
+            if asked.index not in NEVER_HELD_BACK:
+                self._suspects.sent(addresses, asked.index)
         self.reader.sent(data)
         self._before, self._after = before, after
         # Until the reply comes, the frame may have been obeyed or not.
@@ -190,6 +197,8 @@ class AxisTravelGuard:
         address, index, parameter, frame = asked.address, asked.index, asked.parameter, asked.raw
         if index in MOVING and (self.runaway or self._doubtful):
             raise OutsideEnvelope(self.runaway or "an axis was last seen where it cannot be")
+        if index in self._suspects.indices:
+            raise OutsideEnvelope(f"{self.runaway}, nor sent {index:02X}h, which may have moved it")
         if index in MOTIONS and address is not None and address not in axes:
             self._refuse(
                 frame, f"nobody knows where the axis at {address:02X}h is", "--neighbour", address
@@ -204,7 +213,7 @@ class AxisTravelGuard:
                     begun_ns=now_ns,
                     begun_by=index,
                     is_still=False,
-                    slowest_ticks=max(after.slowest_ticks, _level_ticks(after, index, parameter)),
+                    slowest_ticks=max(after.slowest_ticks, after.level_ticks(index, parameter)),
                 )
             if index != STOP:
                 self._judge_reach(axes[candidate], after, now_ns, frame)
@@ -474,6 +483,8 @@ class AxisTravelGuard:
                 self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._last_ns)
             elif not self._is_runaway(address, axis, counter, now_ns):
                 self.axes[address] = self._located(axis, counter, now_ns)
+            is_doubtful, is_runaway = address in self._doubtful, bool(self.runaway)
+            self._suspects.seen(address, counter, is_doubtful=is_doubtful, is_runaway=is_runaway)
         elif axis is not None and index == PERIOD.query:
             period = PERIOD.read(data)
             self._found_periods.setdefault(address, period)
@@ -506,10 +517,12 @@ class AxisTravelGuard:
             self._doubtful.discard(address)
             return False
         if address in self._doubtful and not self.runaway:
-            self.broken = f"MACS-CMD-{axis.begun_by:02X}-01"
+            after = self._suspects.foremost(address, axis.begun_by)
+            leads = "which leads" if after in MOVING else "where other commands lead"
+            self.broken = f"MACS-CMD-{after:02X}-01"
             self.runaway = (
-                f"after {axis.begun_by:02X}h, which leads to {lowest:+}..{highest:+} from where the"
-                f" axis was found, it was seen at {low:+}: it is moved no more"
+                f"after {after:02X}h, {leads} to {lowest:+}..{highest:+} from where the axis was"
+                f" found, it was seen at {low:+}: it is moved no more"
             )
         self._doubtful.add(address)
         return True
@@ -584,10 +597,3 @@ class AxisTravelGuard:
     def stop(self) -> tuple[bytes, ...]:
         """The frames that end what may be running, to each axis."""
         return tuple(self.reader.stop(address) for address, axis in self.axes.items() if axis.speed)
-
-
-def _level_ticks(axis: Axis, index: int, parameter: int) -> int:
-    """What an increment takes at the foot of the ramp of a motion asked for."""
-    if not axis.coefficient or index == 0x16:
-        return 0  # no slower than any speed that can be asked for
-    return RAMP_LEVELS * (parameter & 0xFFFF if index == 0x15 else axis.period)
