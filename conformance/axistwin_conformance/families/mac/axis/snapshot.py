@@ -14,6 +14,11 @@ from axistwin_conformance.base.events import Note
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.facts import (
+    PLAUSIBLE_CELSIUS,
+    facts_of,
+    is_plausible,
+)
 from axistwin_conformance.families.mac.axis.driver.hold import hold
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.parameters import (
@@ -38,47 +43,10 @@ NAMES: Final = (  # of parameters, in the order of reports
     "tolerance",
 )
 DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock (§5.9)
-PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
 ANNOUNCED_S: Final = 3.0  # a longer way back is told before it begins
 
 
-@dataclass(frozen=True, slots=True)
-class MacFacts:
-    """What differs between the models on the wire (§5.9): temperature = gain·tt + offset, supply =
-    vv·volts_per_count, the shaft's resolution, and Imax where the manual lets it be derived."""
-
-    increments_per_turn: int
-    celsius_gain: float
-    celsius_offset: float
-    volts_per_count: float
-    imax: int | None
-
-    @property
-    def is_mac23(self) -> bool:
-        """True for the motor with 2000 increments per turn, on whichever face."""
-        return self.increments_per_turn == 2000
-
-    def celsius(self, tt: int) -> float:
-        """Read byte tt of answer 27h."""
-        return self.celsius_gain * tt + self.celsius_offset
-
-    def volts(self, vv: int) -> float:
-        """Read byte vv of answer 27h."""
-        return vv * self.volts_per_count
-
-
-def facts_of(session: Session) -> MacFacts:
-    """The facts of the model under test."""
-    facts = session.run.model.facts
-    assert isinstance(facts, MacFacts)
-    return facts
-
-
 # --- who is there --------------------------------------------------------------------------------
-
-
-def _is_plausible(celsius: float) -> bool:
-    return PLAUSIBLE_CELSIUS[0] <= celsius <= PLAUSIBLE_CELSIUS[1]
 
 
 def climate(session: Session, measures: AxisReply) -> dict[str, str]:
@@ -89,9 +57,9 @@ def climate(session: Session, measures: AxisReply) -> dict[str, str]:
     tt, vv, _, _ = measures.data_bytes()
     facts, run = facts_of(session), session.run
     celsius, volts = facts.celsius(tt), facts.volts(vv)
-    if not _is_plausible(celsius):
+    if not is_plausible(celsius):
         told = f"temperature byte {tt:02X}h would mean {celsius:.0f} °C"
-        if any(_is_plausible(model.facts.celsius(tt)) for model in run.family.models.values()):
+        if any(is_plausible(model.facts.celsius(tt)) for model in run.family.models.values()):
             raise WrongDevice(f"not a {run.model.name}: its {told}; try another model")
         (requirement,) = run.ledger.own(("MACS-Q-27-01",))
         coldest, hottest = PLAUSIBLE_CELSIUS
