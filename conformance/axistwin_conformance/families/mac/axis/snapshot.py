@@ -15,8 +15,8 @@ from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.facts import (
-    PLAUSIBLE_CELSIUS,
     facts_of,
+    implausible,
     is_plausible,
 )
 from axistwin_conformance.families.mac.axis.driver.hold import hold
@@ -58,13 +58,10 @@ def climate(session: Session, measures: AxisReply) -> dict[str, str]:
     facts, run = facts_of(session), session.run
     celsius, volts = facts.celsius(tt), facts.volts(vv)
     if not is_plausible(celsius):
-        told = f"temperature byte {tt:02X}h would mean {celsius:.0f} °C"
+        violation = implausible(run, tt, celsius)
         if any(is_plausible(model.facts.celsius(tt)) for model in run.family.models.values()):
-            raise WrongDevice(f"not a {run.model.name}: its {told}; try another model")
-        (requirement,) = run.ledger.own(("MACS-Q-27-01",))
-        coldest, hottest = PLAUSIBLE_CELSIUS
-        expected = f"a temperature from {coldest:.0f} to {hottest:.0f} °C"
-        session.run.violations.append((requirement, expected, told))
+            raise WrongDevice(f"not a {run.model.name}: its {violation[2]}; try another model")
+        run.violations.append(violation)
     return {"temperature": f"{celsius:.1f} °C", "supply": f"{volts:.1f} V"}
 
 

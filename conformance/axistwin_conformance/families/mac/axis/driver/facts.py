@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.session import Run, Session
 
 PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
 
@@ -40,6 +40,14 @@ def facts_of(session: Session) -> MacFacts:
     facts = session.run.model.facts
     assert isinstance(facts, MacFacts)
     return facts
+
+
+def implausible(run: Run, tt: int, celsius: float) -> tuple[str, str, str]:
+    """What a module has broken that tells a temperature which no MAC can have."""
+    (requirement,) = run.ledger.own(("MACS-Q-27-01",))
+    coldest, hottest = PLAUSIBLE_CELSIUS
+    expected = f"a temperature from {coldest:.0f} to {hottest:.0f} °C"
+    return requirement, expected, f"temperature byte {tt:02X}h would mean {celsius:.0f} °C"
 
 
 def is_plausible(celsius: float) -> bool:
