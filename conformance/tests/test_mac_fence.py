@@ -300,6 +300,15 @@ def test_what_may_have_moved_an_axis_is_not_sent_again(line: Line) -> None:
     assert not line.refuses(0x26)
 
 
+def test_what_should_move_the_counter_is_named_first(line: Line) -> None:
+    """Before the parameters that were written after it."""
+    line.say(0x0B)
+    line.say(0x0F, 2)
+    line.at(3000)
+    line.at(3100)
+    assert line.travel_guard.broken == "MACS-CMD-0B-01"
+
+
 def test_an_axis_that_ran_away_tells_what_moves_it_further(line: Line) -> None:
     """Each command that is followed by another place."""
     line.say(0x13, 900)

@@ -12,6 +12,7 @@ from typing import Final
 from axistwin_conformance.families.mac.axis.exchanges import COMMAND_NAMES
 
 ON_BOTH_FACES: Final = frozenset(COMMAND_NAMES) - {0x08, 0x1B}
+ACTING: Final = frozenset({0x0B, 0x10, 0x11, 0x13, 0x14, 0x15, 0x16, 0x17})
 STEADY: Final = 2  # increments by which an axis that stands may swing
 
 
@@ -29,9 +30,11 @@ class Suspects:
             self._sent.setdefault(address, []).append(index)
 
     def foremost(self, address: int, begun_by: int) -> int:
-        """Which of them is named: the one that has begun the last motion, or the last of all."""
+        """Which of them is named: the one that has begun the last motion, or the last that should
+        move the axis or its counter, or the last of all."""
         sent = [index for index in self._sent.get(address, []) if index in ON_BOTH_FACES]
-        return begun_by if begun_by in sent or not sent else sent[-1]
+        named = [index for index in sent if index in ACTING] or sent or [begun_by]
+        return begun_by if begun_by in sent else named[-1]
 
     def seen(self, address: int, counter: int, *, is_doubtful: bool, is_runaway: bool) -> None:
         """The counter of an axis was read.
