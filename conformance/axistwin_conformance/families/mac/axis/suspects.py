@@ -23,6 +23,7 @@ class Suspects:
         self.indices: set[int] = set()
         self._sent: dict[int, list[int]] = {}  # since it was last seen, by address
         self._counters: dict[int, int] = {}  # when last read, by address
+        self._is_runaway = False
 
     def sent(self, addresses: Iterable[int], index: int) -> None:
         """A command has been sent to these axes."""
@@ -43,7 +44,8 @@ class Suspects:
         """
         has_moved = abs(counter - self._counters.get(address, counter)) > STEADY
         self._counters[address] = counter
-        if is_runaway and (has_moved or is_doubtful):
+        if is_runaway and (has_moved or not self._is_runaway):
             self.indices.update(self._sent.get(address, ()))
         if is_runaway or not is_doubtful:
             self._sent.pop(address, None)
+        self._is_runaway = is_runaway
