@@ -329,6 +329,45 @@ def test_an_axis_that_ran_away_tells_what_moves_it_further(line: Line) -> None:
     assert not line.would_refuse(0x02)
 
 
+def test_an_axis_whose_counter_stands_still_is_not_moved_again(line: Line) -> None:
+    """Three motions that must have shown, one after the other; a short one shows nothing."""
+    for target in (600, 400, 600, 400):
+        line.say(0x13, target)
+        line.say(0x18)
+        line.at(500)
+    assert not line.travel_guard.runaway
+    for target in (700, 300, 700):
+        assert not line.would_refuse(0x13, target)
+        line.say(0x13, target)
+        line.now_ns += SECOND
+        line.say(0x18)
+        line.at(500)
+    assert line.travel_guard.runaway.startswith("3 motions in a row have not changed its counter")
+    assert line.would_refuse(0x13, 600)
+
+
+def test_what_others_are_told_an_axis_need_not_show(line: Line) -> None:
+    """Its counter stands while its neighbour moves."""
+    line.at(0, address=1)
+    for number in range(5):
+        line.say(0x13, 100 * (number % 2 + 1), address=1)
+        line.now_ns += SECOND
+        line.at(100 * (number % 2 + 1), address=1)
+        line.at(500)
+    assert not line.travel_guard.runaway
+
+
+def test_a_stop_may_bar_a_motion_or_two(line: Line) -> None:
+    """What goes the other way shows that the counter counts."""
+    for place in (500, 499, 500):
+        for _ in range(2):
+            line.say(0x15, 0x1000)
+            line.now_ns += SECOND // 3
+            line.at(place)
+            line.say(0x18)
+    assert not line.travel_guard.runaway
+
+
 def test_an_axis_that_creeps_the_other_way_is_seen_to(line: Line) -> None:
     """Each reading lies within what an axis may run on from the one before."""
     line.say(0x13, 900)

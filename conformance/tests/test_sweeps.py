@@ -60,13 +60,16 @@ ONCE_ESCAPED = [
     ("mac23-can", "quick", Fault("value of an answer", "twice", ("u07",), When(first=200), size=1)),
     ("mac23-can", "full", Fault("effect", "twice", ("d14",), amount=30_000_000)),
 ]
-# What led out again and again: whatever was sent to stop it, or to put things back, moved it.
+# What led out again and again: whatever was sent to stop it, or to put things back, moved it; or
+# its counter did not show that it moved.
 LED_OUT = [
     ("mac23", "Plant.position_at", "caught"),
     ("mac23", Fault("value that is understood", "its negative", MacSerialFormat.commands,
                     size=4, above=0x10000), "strayed"),
     ("mac23-can", Fault("effect", "that of d15", ("d02",), When(every=7)), "strayed"),
     ("mac23-can", Fault("reply", "that of the one before"), "caught"),
+    ("mac23", Fault("value of an answer", "all ones", MacSerialFormat.queries, at=2, size=2),
+     "caught"),
 ]  # fmt: skip
 TICKS = 6148  # a variable of the bench program, one more in every scan
 EXAMPLES = [

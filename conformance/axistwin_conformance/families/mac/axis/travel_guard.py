@@ -33,6 +33,7 @@ frames with wrong checksums.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn, Protocol
@@ -49,8 +50,10 @@ from axistwin_conformance.families.mac.axis.shaft import (
     FACTORY_PERIOD,
     SLOWEST_LEVEL_TICKS,
     SLOWEST_TICKS,
+    ZERO_SLACK,
     Axis,
     Interval,
+    Shown,
     join,
     shift,
 )
@@ -66,9 +69,7 @@ PERMANENT: Final = "permanent"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
 STOP: Final = 0x18
-PERIOD, COEFFICIENT = PARAMETERS[0x0D], PARAMETERS[0x0F]
 CUTTING: Final = frozenset({"power", "micro_cut", "supply"})  # a device may forget its place then
-ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
 SWING: Final = 100  # increments: a shaft may swing, or be pushed, by fewer
 MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
 MOVING: Final = MOTIONS | {0x11}
@@ -136,6 +137,7 @@ class AxisTravelGuard:
         self.run_on = 0  # how many increments more 18h and stops may take, while that is asked
         self._doubtful: set[int] = set()  # axes last seen where they cannot be
         self._suspects = Suspects()
+        self._shown: defaultdict[int, Shown] = defaultdict(Shown)  # by address
         self._found_periods: dict[int, int] = {}
         self._before: dict[int, Axis] = {}
         self._after: dict[int, Axis] = {}
@@ -292,7 +294,7 @@ class AxisTravelGuard:
     def _cleared(self, axis: Axis, since_ns: int, now_ns: int) -> Axis:
         """0Bh, between two instants: the counter is 0, where the shaft is known no better, and a
         move under way ends at its old number of the new count."""
-        cleared = self._counter_at(axis, now_ns)
+        cleared = axis.counter_at(now_ns)
         offset, reach = shift(axis.offset, cleared), axis.reach
         if axis.may_move and not axis.speed and not axis.segment_speed:
             reach = join(reach, shift(axis.tip, cleared))
@@ -300,17 +302,9 @@ class AxisTravelGuard:
             axis, offset=offset, counter=(0, 0), seen_ns=since_ns, target=None, reach=reach
         )
 
-    def _counter_at(self, axis: Axis, now_ns: int) -> Interval:
-        """What the counter may be now, if nothing has cleared it since it was read."""
-        if not axis.may_move:
-            return axis.counter
-        speed = max(axis.speed, axis.segment_speed, TICKS_PER_SECOND // axis.period + 1)
-        far = speed * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + ZERO_SLACK
-        return axis.counter[0] - far, axis.counter[1] + far
-
     def _steadily_at(self, axis: Axis, now_ns: int) -> Interval:
         """The same for an axis that keeps its speed without a ramp, and nothing is in its way."""
-        low, high = self._counter_at(axis, now_ns)
+        low, high = axis.counter_at(now_ns)
         here = axis.counter[0]
         if axis.coefficient or not axis.may_move or axis.counter[1] > here:
             return low, high
@@ -393,7 +387,7 @@ class AxisTravelGuard:
 
     def _halted(self, axis: Axis, index: int, now_ns: int) -> Axis:
         """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
-        counter = self._counter_at(axis, now_ns + 2 * MARGIN_NS)  # at rest, until it is read
+        counter = axis.counter_at(now_ns + 2 * MARGIN_NS)  # at rest, until it is read
         far = self._braking(axis.speed) if axis.speed else 0
         reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
         is_factory = index == 0x01
@@ -418,11 +412,12 @@ class AxisTravelGuard:
 
     def worked(self, name: str, window: tuple[int, int], _: Collection[str] = ()) -> None:
         """The rig has worked `name` (of `AXIS_CONTROLS`) in this window of the clock, ns."""
+        self._shown.clear()
         for address, found in self.axes.items():
             axis = replace(found, is_worked=True, is_still=False)
             self.axes[address] = axis
             if name == "reference":
-                edge = self._counter_at(axis, window[1])
+                edge = axis.counter_at(window[1])
                 self.axes[address] = replace(axis, edge=join(edge, axis.edge or edge))
             elif name in CUTTING:
                 self.axes[address] = replace(axis, is_cut=True)
@@ -449,6 +444,9 @@ class AxisTravelGuard:
                 address: self._heeded(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
             }
+            for address in self._before if asked.address is None else (asked.address,):
+                if (before := self._before.get(address)) is not None:
+                    self._shown[address].heeded(before, asked.index, asked.parameter, now_ns)
         elif reply.data is not None and asked.address is not None:
             self._learn(asked.address, asked.index, reply.data, now_ns)
         if asked.address is None and reply.whom is not None:  # what became of the others is open
@@ -485,12 +483,15 @@ class AxisTravelGuard:
                 self.axes[address] = self._located(axis, counter, now_ns)
             is_doubtful, is_runaway = address in self._doubtful, bool(self.runaway)
             self._suspects.seen(address, counter, is_doubtful=is_doubtful, is_runaway=is_runaway)
-        elif axis is not None and index == PERIOD.query:
-            period = PERIOD.read(data)
+            if (unshown := self._shown[address].seen(counter, now_ns)) and not is_runaway:
+                self.broken = f"MACS-CMD-{self.axes[address].begun_by:02X}-01"
+                self.runaway = unshown
+        elif axis is not None and index == PARAMETERS[0x0D].query:
+            period = PARAMETERS[0x0D].read(data)
             self._found_periods.setdefault(address, period)
             self.axes[address] = replace(axis, period=period or 1)
-        elif axis is not None and index == COEFFICIENT.query:
-            self.axes[address] = replace(axis, coefficient=COEFFICIENT.read(data))
+        elif axis is not None and index == PARAMETERS[0x0F].query:
+            self.axes[address] = replace(axis, coefficient=PARAMETERS[0x0F].read(data))
 
     def seen_still(self, address: int) -> None:
         """The axis no longer runs on after what has ended its motion."""
@@ -550,7 +551,7 @@ class AxisTravelGuard:
     def _origin_seen(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Account for a counter that may have been cleared since it was read last: it then counts
         from a place `zero` of the old count."""
-        low, high = self._counter_at(axis, now_ns)
+        low, high = axis.counter_at(now_ns)
         if axis.edge is not None:  # a slow rig leaves much open that the motion itself settles
             low, high = self._steadily_at(axis, now_ns)
         is_plain = low <= counter <= high
