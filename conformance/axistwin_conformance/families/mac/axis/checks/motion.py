@@ -198,8 +198,7 @@ def a_move_powers_the_motor(session: Session) -> None:
 
 @check("MACS-CMD-14-01", safety=MOVES, level="full")
 def going_to_0_is_a_move_like_any_other(session: Session) -> None:
-    """14h runs the profile of 13h to position 0, ignores its parameters, and begins once: 18h right
-    behind it ends it for good."""
+    """14h runs the profile of 13h to position 0 and ignores its parameters."""
     driver = driver_of(session)
     start = driver.motion.ready(driver.limits.unhurried(0x0640), 1)
     if abs(start) > driver.limits.room():
@@ -212,7 +211,7 @@ def going_to_0_is_a_move_like_any_other(session: Session) -> None:
             exchange = driver.client.command(0x14)
         driver.judge.must(ReplyKind.ACCEPTED, exchange)
         driver.motion.watch(driver.motion.to_position(exchange, place, 0), None, samples=3)
-    driver.motion.finish(driver.motion.go(150))
+    driver.motion.finish(driver.motion.go(150))  # it begins once: 18h right behind it is its end
     driver.judge.accepted(0x14)
     driver.judge.accepted(0x18)
     place = driver.client.position()
