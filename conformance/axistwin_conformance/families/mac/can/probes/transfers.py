@@ -47,12 +47,11 @@ def _raw(driver: CanDriver, index: int) -> bytes:
 
 @probe(safety="stored")
 def can_byte_order(driver: CanDriver) -> Outcome:
-    """200Ch with the value in its last byte, else two values in its first, and the torque in 2006h.
-
-    An answer that comes one late would show the first: every move would then go astray.
-    """
+    """200Ch with the value in its last byte, else in its first, and the torque in 2006h."""
     own = _raw(driver, 0x26)[TORQUE_AT]
     value, other = [torque for torque in TORQUES if torque != own][:2]
+    # An answer that comes one late shows the first value after the second: what is taken for little
+    # by that alone sends every move astray.
     tried = ((BIG, (value,)), (LITTLE, (value, other)))
     shown = []
     for order, values in tried:
