@@ -29,7 +29,7 @@ from msc_faults import (
 from msc_judging import failed, judge, link_checks, troubles
 from msc_twin import TwinPort
 from zoo_msc import forms, line, link, packets
-from zoo_msc.planting import Receiver, State, hears
+from zoo_msc.planting import Receiver, ReceiverState, hears
 
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.families.msc import codec
@@ -111,7 +111,7 @@ def for_block_0(raw: bytes) -> bool:
 
 def restarting(patch: pytest.MonkeyPatch) -> TwinPort:
     """A unit that begins anew at any 02h (trap 2)."""
-    states = (State.HEADER, State.BODY)
+    states = (ReceiverState.HEADER, ReceiverState.BODY)
 
     def takes(receiver: Receiver, byte: int, now: int) -> bool:
         is_start = byte == STX[0] and receiver.state in states

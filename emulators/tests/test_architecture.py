@@ -4,6 +4,7 @@ import re
 import statistics
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -205,6 +206,18 @@ def test_no_folder_of_the_twins_has_more_than_fourteen_files() -> None:
 
 
 @pytest.mark.strength
+def test_class_names_are_unique() -> None:
+    """A word stands for one thing, in all families and floors."""
+    counts = Counter(
+        node.name
+        for path in TWINS.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert len(counts) > 300
+    assert not [name for name, count in counts.items() if count > 1]
+
+
 def test_functions_fit_a_screen() -> None:
     """At most 60 lines each, and half of them not more than 8."""
     lengths = {

@@ -216,6 +216,45 @@ def test_a_lone_station_without_a_bit_rate_waits_for_company() -> None:
     assert [each.end_ns for each in heard(bus.run_until(9))] == [9]
 
 
+@pytest.mark.parametrize("bitrate", [125_000, None])
+def test_who_only_listens_is_no_company(bitrate: int | None) -> None:
+    """It hears nothing, since no frame succeeds, until it acknowledges."""
+    bus = bus_of(1, bitrate)
+    bus.set_acknowledging(bus.attach(0), 0, acknowledges=False)
+    bus.offer(0, HIGH, 0)
+    assert heard(bus.run_until(S)) == []
+    assert bus.next_event() is None  # asleep
+    bus.set_acknowledging(1, S, acknowledges=True)
+    (frame,) = heard(bus.run_until(2 * S))
+    assert frame.listeners == (1,)
+
+
+def test_who_only_listens_hears_what_others_acknowledge() -> None:
+    """With a third station on the bus frames succeed, for the listener too."""
+    bus = bus_of(3)
+    bus.set_acknowledging(1, 0, acknowledges=False)
+    bus.offer(0, HIGH, 0)
+    assert [each.listeners for each in heard(bus.run_until(S))] == [(1, 2)]
+
+
+@pytest.mark.parametrize("leaves", [False, True])
+def test_a_frame_fails_when_the_last_to_acknowledge_goes_meanwhile(leaves: bool) -> None:
+    """And is repeated for the next who comes."""
+    bus = bus_of(2)
+    bus.offer(0, HIGH, 0)
+    bus.run_until(20 * BIT)
+    if leaves:
+        bus.leave(1, 20 * BIT)
+    else:
+        bus.set_acknowledging(1, 20 * BIT, acknowledges=False)
+    told = bus.run_until(S)
+    first = faults(told)[0]
+    assert (first.kind, first.end_ns) == ("ack", (wire_bits(HIGH) - 8 + 6 + 8) * BIT)
+    assert heard(told) == []
+    bus.attach(S)
+    assert len(heard(bus.run_until(2 * S))) == 1
+
+
 def test_withdrawing_ends_the_endless_repetition() -> None:
     """After the attempt that is under way the bus is idle."""
     bus = bus_of(1)

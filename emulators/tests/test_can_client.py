@@ -47,6 +47,15 @@ def read(client: CanClient) -> bytes:
     return b"".join(data)
 
 
+EMERGENCY = b"t0818003105010000"
+"""Of the device at node 1, as an adapter writes it: 3100h."""
+
+
+def cut_for_a_moment(bus: Bus) -> None:
+    """Its supply; the device says so in an emergency."""
+    bus.twins[0].controls["faults.micro_cut"].set(True)
+
+
 def is_behind(client: CanClient) -> bool:
     """As the client says just now."""
     return client.is_behind
@@ -69,6 +78,37 @@ def test_a_client_converses_with_a_twin() -> None:
     answer = read(client)
     assert answer.startswith(b"t5818")
     assert answer.endswith(b"\r")
+
+
+@pytest.mark.parametrize("paced", [True, False])
+@pytest.mark.parametrize("before", [b"", b"C\rS4\r", b"L\r", b"S3\rO\r"])
+def test_a_client_that_is_not_open_takes_no_frame_from_the_one_that_opens(
+    before: bytes, paced: bool
+) -> None:
+    """What a lone device says waits, however long a program takes from its first byte to ``O``."""
+    bus = a_bus(paced=paced)
+    client = CanClient(bus, SlcanPort(BITRATE))
+    client.start()
+    client.input(before)
+    cut_for_a_moment(bus)
+    settle(bus, client, time_ns=300 * MS)
+    assert b"t081" not in read(client)
+    client.input(b"C\rS4\rO\r")
+    settle(bus, client)
+    assert read(client).count(EMERGENCY) == 1
+
+
+def test_what_a_device_says_after_a_client_has_closed_waits_for_the_next() -> None:
+    """The client that has closed its channel is still connected."""
+    bus = a_bus()
+    client = an_slcan_client(bus)
+    client.input(b"C\r")
+    cut_for_a_moment(bus)
+    settle(bus, client)
+    client.stop()
+    following = an_slcan_client(bus)
+    settle(bus, following)
+    assert read(following).count(EMERGENCY) == 1
 
 
 def test_clients_hear_one_another_in_one_order() -> None:

@@ -23,7 +23,7 @@ from axistwin.ports.tcp import Listener, TcpPort
 from axistwin.runtime.clock import PacedClock
 from axistwin.runtime.line import Line
 from axistwin.runtime.serving.bus_server import BusPort, BusServer
-from axistwin.runtime.serving.line_server import BAUD_MIN, TURN_NS, Port, Server
+from axistwin.runtime.serving.line_server import BAUD_MIN, TURN_NS, LinePort, Server
 
 pytestmark = pytest.mark.system
 
@@ -43,7 +43,7 @@ OPEN = {"slcan": b"O\r", "socketcand": b"< open vcan0 >< rawmode >"}
 UPLOADED = {"slcan": b"t5818", "socketcand": b"< frame 581 "}
 
 
-def line_port(kind: str, folder: Path, line: Line) -> Port:
+def line_port(kind: str, folder: Path, line: Line) -> LinePort:
     """A port for clients of a line."""
     if kind == "pty":
         return PtyPort(str(folder / "pty"), line.device_format)
@@ -58,7 +58,7 @@ def bus_port(kind: str, folder: Path) -> BusPort:
 
 
 @contextmanager
-def client(port: Port | BusPort) -> Iterator[int]:
+def client(port: LinePort | BusPort) -> Iterator[int]:
     """A descriptor of somebody who has opened ``port``."""
     if isinstance(port, Listener):
         with socket.create_connection((port.host, port.port)) as connection:
@@ -106,7 +106,7 @@ def heard(
         assert system.waited_ns - begin_ns <= patience_ns, f"a reply is kept behind {data!r}"
 
 
-def asking(system: PausedSystem, port: Port) -> Script:
+def asking(system: PausedSystem, port: LinePort) -> Script:
     """One question after another."""
     with client(port) as fd:
         for _ in range(EXCHANGES):
@@ -131,7 +131,7 @@ def test_no_reply_waits_for_another_request(
 FLOOD = b"U" * 5000
 
 
-def flooding(system: PausedSystem, port: Port, other: Port, patience_ns: Nanos) -> Script:
+def flooding(system: PausedSystem, port: LinePort, other: LinePort, patience_ns: Nanos) -> Script:
     """Send more than the line takes at once, and then a question that all hear answered."""
     with client(port) as fd, client(other) as listener:
         for _ in range(3):
@@ -158,7 +158,9 @@ def test_no_reply_waits_while_a_client_is_held_back(
         system.run(Server(line, [port, other], loop=system.loop), script)
 
 
-def asking_beside_a_slow_one(system: PausedSystem, line: Line, slow: Port, port: Port) -> Script:
+def asking_beside_a_slow_one(
+    system: PausedSystem, line: Line, slow: LinePort, port: LinePort
+) -> Script:
     """Ask again and again, while another client's bytes take minutes."""
     with client(slow) as fd, client(port) as asker:
         if isinstance(slow, PtyPort):

@@ -18,7 +18,7 @@ from axistwin.ports.rfc2217 import Rfc2217Port
 from axistwin.ports.tcp import TcpPort
 from axistwin.runtime.clock import PacedClock
 from axistwin.runtime.line import Line
-from axistwin.runtime.serving.line_server import Port, Server
+from axistwin.runtime.serving.line_server import LinePort, Server
 from axistwin.runtime.serving.rack import Rack
 
 # pyserial's RFC 2217 client does it that way.
@@ -36,7 +36,7 @@ def served(
 ) -> Iterator[tuple[Line, str]]:
     """A line with a module, and the URL where it is found."""
     with build_line([parse_device("mac23:0")], clock=PacedClock()) as line:
-        port: Port
+        port: LinePort
         if make_port is None:
             port = PtyPort(str(folder / "mac23"), line.device_format)
         else:

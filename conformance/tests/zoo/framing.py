@@ -57,7 +57,7 @@ def an_index_may_be_spelt_in_lower_case(patch: MonkeyPatch) -> None:
     """The index is read in either case, all other digits in upper case only."""
     take_apart = framing.take_apart
 
-    def taking(frame: bytes, any_case: bool) -> framing.Request:
+    def taking(frame: bytes, any_case: bool) -> framing.MacRequest:
         index = framing.ANY_CASE.get(frame[6:8])
         return take_apart(frame, any_case)._replace(command=index)
 
@@ -91,7 +91,7 @@ def _also_takes(patch: MonkeyPatch, extra: int) -> None:
     """Accept sums that are wrong by `extra` beside the right ones."""
     take_apart = framing.take_apart
 
-    def lenient(frame: bytes, any_case: bool) -> framing.Request:
+    def lenient(frame: bytes, any_case: bool) -> framing.MacRequest:
         request = take_apart(frame, any_case)
         other = HEX[(sum(frame[4:18]) + extra) & 0xFF]
         return request._replace(is_sum_right=request.is_sum_right or frame[18:20] == other)
@@ -116,7 +116,7 @@ def the_last_digit_of_the_sum_is_not_compared(patch: MonkeyPatch) -> None:
     """Only the first digit of the checksum is compared."""
     take_apart = framing.take_apart
 
-    def lenient(frame: bytes, any_case: bool) -> framing.Request:
+    def lenient(frame: bytes, any_case: bool) -> framing.MacRequest:
         right = framing.checksum(frame[4:18])[:1] == frame[18:19]
         return take_apart(frame, any_case)._replace(is_sum_right=right)
 

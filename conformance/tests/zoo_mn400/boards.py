@@ -9,7 +9,7 @@ from axistwin.devices.mn400.device import _VALUE_BYTES, Mn400Board
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.receiver import PacketReceiver, Request
-from axistwin.devices.mn400.link.sender import Message, ReplyPart
+from axistwin.devices.mn400.link.sender import Reply, ReplyPart
 from zoo_mn400.planting import Any_, MonkeyPatch, around, board_mutant, commands, repeats
 
 # --- ids ------------------------------------------------------------------------------------------
@@ -27,7 +27,7 @@ def _replies(patch: MonkeyPatch, name: str, change: Any_) -> None:
 
 
 def _from(part: ReplyPart, address: int) -> ReplyPart:
-    assert isinstance(part.message, Message)
+    assert isinstance(part.message, Reply)
     return part._replace(message=part.message._replace(address=address))
 
 
@@ -98,7 +98,7 @@ def the_new_rate_is_told_at_the_old_one(patch: MonkeyPatch) -> None:
     def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Answer:
         answer: Answer = go()
         start, change = answer.parts[:2]
-        told = ReplyPart(Message(one._port.address, line.command, ReturnCode.BAUDCHANGEOK))
+        told = ReplyPart(Reply(one._port.address, line.command, ReturnCode.BAUDCHANGEOK))
 
         def then(now: int) -> None:
             assert callable(change.message)
@@ -122,7 +122,7 @@ def the_rate_changes_before_start(patch: MonkeyPatch) -> None:
             change.message(now)
             return start.message
 
-        last = Message(one._port.address, line.command, ReturnCode.BAUDCHANGEOK)
+        last = Reply(one._port.address, line.command, ReturnCode.BAUDCHANGEOK)
         return answer._replace(parts=[ReplyPart(first), ReplyPart(last)])
 
     around(patch, Interpreter, "_set_rate", act)

@@ -9,7 +9,7 @@ from typing import Any
 from axistwin.devices.mn400.commands import Interpreter
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
-from axistwin.devices.mn400.link.sender import Message
+from axistwin.devices.mn400.link.sender import Reply
 from axistwin.devices.mn400.motion import MoveSettings, SpeedProfile, moves, straight
 from axistwin.devices.mn400.motion.arcs import ArcPath
 from axistwin.devices.mn400.mover import Mover
@@ -116,7 +116,7 @@ def the_rate_in_force_is_just_done(patch: MonkeyPatch) -> None:
 def a_repeat_is_read_anew(patch: MonkeyPatch) -> None:
     """& behind E tells where the axes are by then."""
 
-    def change(readout: ReadOut, last: Message, now: int) -> Message:
+    def change(readout: ReadOut, last: Reply, now: int) -> Reply:
         if last.value is None or last.value.count(",") != 3:
             return last
         return last._replace(value=",".join(map(str, readout.position_at(now))))

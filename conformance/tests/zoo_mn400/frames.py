@@ -9,7 +9,7 @@ from axistwin.devices.mn400.device import Mn400Board
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request, _Frame
-from axistwin.devices.mn400.link.sender import Message
+from axistwin.devices.mn400.link.sender import Reply
 from axistwin.devices.mn400.readout import ReadOut
 from zoo_mn400.planting import (
     MS,
@@ -292,7 +292,7 @@ def a_repeat_keeps_the_sum(patch: MonkeyPatch) -> None:
 def a_repeat_has_another_code(patch: MonkeyPatch) -> None:
     """What & repeats after an order is NOMOVEPENDING."""
 
-    def change(readout: ReadOut, last: Message, now: int) -> Message:
+    def change(readout: ReadOut, last: Reply, now: int) -> Reply:
         is_done = last.code == ReturnCode.DONE
         return last._replace(code=ReturnCode.NOMOVEPENDING) if is_done else last
 

@@ -15,7 +15,7 @@ from axistwin.devices.mn400.acceptance import TABLE, BoardState, Treatment
 from axistwin.devices.mn400.commands import Interpreter
 from axistwin.devices.mn400.link import packets
 from axistwin.devices.mn400.link.ports import Answer
-from axistwin.devices.mn400.link.sender import Message
+from axistwin.devices.mn400.link.sender import Reply
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import BoardSettings
 from axistwin.devices.mn400.readout import ReadOut
@@ -59,7 +59,7 @@ def resummed(head: bytes) -> bytes:
     return head + bytes([sum(head) & 0x7F])
 
 
-def repeats(patch: MonkeyPatch, change: Callable[[ReadOut, Message, int], Message | None]) -> None:
+def repeats(patch: MonkeyPatch, change: Callable[[ReadOut, Reply, int], Reply | None]) -> None:
     """Let & send `change(readout, message, now)` instead of a message it repeats."""
 
     def act(go: Any_, readout: ReadOut, line: Any) -> Answer:
@@ -67,7 +67,7 @@ def repeats(patch: MonkeyPatch, change: Callable[[ReadOut, Message, int], Messag
         again = answer.parts[0].message
         assert callable(again)
 
-        def other(now: int) -> Message | None:
+        def other(now: int) -> Reply | None:
             last = again(now)
             return last and change(readout, last, now)
 

@@ -20,7 +20,7 @@ from zoo_msc.planting import (
     Commands,
     MonkeyPatch,
     Receiver,
-    State,
+    ReceiverState,
     Whom,
     alarms,
     around,
@@ -94,7 +94,7 @@ def xon_is_swallowed_in_blocks(patch: MonkeyPatch) -> None:
     """11h among the values of a BWRITE does not reach the receiver."""
 
     def takes(receiver: Receiver, byte: int, now: int) -> bool:
-        return byte == XON and receiver.state is State.BODY and len(receiver._packet) > 14
+        return byte == XON and receiver.state is ReceiverState.BODY and len(receiver._packet) > 14
 
     hears(patch, takes)
 
@@ -321,7 +321,7 @@ def a_pause_before_the_checksum_ends_a_packet(patch: MonkeyPatch) -> None:
 
     def counted(go: Any_, receiver: Any, chunk: Any, at: int) -> Any:
         end = go()
-        if receiver.state is State.BODY and not receiver.is_busy and receiver._missing == 2:
+        if receiver.state is ReceiverState.BODY and not receiver.is_busy and receiver._missing == 2:
             receiver._packet_due = receiver.heard_ns + 40 * MS
         return end
 
@@ -334,7 +334,7 @@ def a_carriage_return_in_idle_is_refused(patch: MonkeyPatch) -> None:
     """0Dh ends a line that nobody understands."""
 
     def takes(receiver: Receiver, byte: int, now: int) -> bool:
-        is_so = byte == CR and receiver.state is State.IDLE
+        is_so = byte == CR and receiver.state is ReceiverState.IDLE
         if is_so:
             receiver._sign(now, now + receiver._delay_ns, NAK_BYTE, receiver._rest)
         return is_so
@@ -347,7 +347,7 @@ def noise_fills_the_receiver_up(patch: MonkeyPatch) -> None:
     """Of bytes that start no packet 48 fit in; then a start is no longer found for ten seconds."""
 
     def takes(receiver: Any, byte: int, now: int) -> bool:
-        if receiver.state is not State.IDLE:
+        if receiver.state is not ReceiverState.IDLE:
             return False
         if now < getattr(receiver, "deaf_until", 0):
             return True

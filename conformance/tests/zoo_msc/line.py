@@ -19,7 +19,7 @@ from zoo_msc.planting import (
     Commands,
     MonkeyPatch,
     Receiver,
-    State,
+    ReceiverState,
     Whom,
     alarms,
     around,
@@ -91,7 +91,7 @@ def a_power_cut_leaves_a_reply_to_be_acknowledged(patch: MonkeyPatch) -> None:
     """The link's memory is kept by the battery: after power-up it repeats an old reply."""
 
     def act(go: Any_, receiver: Any) -> None:
-        waits = getattr(receiver, "state", None) is State.WAIT
+        waits = getattr(receiver, "state", None) is ReceiverState.WAIT
         kept = [(name, getattr(receiver, name)) for name in _OF_A_REPLY] if waits else []
         go()
         for name, value in kept:
@@ -181,7 +181,7 @@ def the_time_limit_begins_with_noise(patch: MonkeyPatch) -> None:
     """The first byte of anything starts it, be it a packet's or not."""
 
     def takes(receiver: Any, byte: int, now: int) -> bool:
-        if receiver.state is State.IDLE and getattr(receiver, "noise_ns", None) is None:
+        if receiver.state is ReceiverState.IDLE and getattr(receiver, "noise_ns", None) is None:
             receiver.noise_ns = now
         return False
 
@@ -215,7 +215,7 @@ def a_sign_in_a_packet_begins_its_time_anew(patch: MonkeyPatch) -> None:
     """A byte 06h or 15h in the header or the body starts T1 again."""
 
     def takes(receiver: Any, byte: int, now: int) -> bool:
-        if receiver.state in (State.HEADER, State.BODY) and byte in (ACK, NAK):
+        if receiver.state in (ReceiverState.HEADER, ReceiverState.BODY) and byte in (ACK, NAK):
             receiver._packet_due = now + receiver._packet_ns
         return False
 
@@ -244,7 +244,11 @@ def a_pause_of_100_ms_in_a_body_ends_a_packet(patch: MonkeyPatch) -> None:
 
     def counted(go: Any_, receiver: Any, chunk: Chunk, at: int) -> Any:
         end = go()
-        if receiver.state is State.BODY and not receiver.is_busy and len(receiver._packet) > 8:
+        if (
+            receiver.state is ReceiverState.BODY
+            and not receiver.is_busy
+            and len(receiver._packet) > 8
+        ):
             receiver._packet_due = receiver.heard_ns + 100 * MS
         return end
 
@@ -257,7 +261,9 @@ def it_is_deaf_after_a_packet_broke_off(patch: MonkeyPatch) -> None:
     """For half a second after the NAK for it nothing is heard."""
 
     def takes(receiver: Any, byte: int, now: int) -> bool:
-        return bool(now < getattr(receiver, "deaf_until", 0) and receiver.state is State.IDLE)
+        return bool(
+            now < getattr(receiver, "deaf_until", 0) and receiver.state is ReceiverState.IDLE
+        )
 
     def act(go: Any_, receiver: Any, now: int) -> None:
         receiver.deaf_until = now + 500 * MS
@@ -276,7 +282,7 @@ def a_length_above_240_starts_no_packet(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, receiver: Receiver, now: int) -> None:
         go()
-        if receiver.state is State.DISCARD:
+        if receiver.state is ReceiverState.DISCARD:
             receiver._packet_due = NEVER
             receiver._rest(now)
 
@@ -298,7 +304,7 @@ def a_length_of_0_is_65536(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, receiver: Receiver, now: int) -> None:
         go()
-        if receiver.state is State.BODY and receiver._missing == 2:
+        if receiver.state is ReceiverState.BODY and receiver._missing == 2:
             receiver._missing += 0x10000
 
     around(patch, Receiver, "_judge_header", act)
@@ -376,7 +382,7 @@ def the_sum_of_others_is_not_skipped(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, receiver: Receiver, now: int) -> None:
         go()
-        if receiver.state is State.SKIP:
+        if receiver.state is ReceiverState.SKIP:
             receiver._missing -= 2
 
     around(patch, Receiver, "_judge_header", act)
@@ -390,7 +396,7 @@ def a_refused_reply_of_a_neighbour_is_repeated_by_all(patch: MonkeyPatch) -> Non
 
     def takes(receiver: Any, byte: int, now: int) -> bool:
         is_so = (
-            byte == NAK and receiver.state is State.IDLE and not receiver._is_rs232
+            byte == NAK and receiver.state is ReceiverState.IDLE and not receiver._is_rs232
             and bool(receiver._reply) and getattr(receiver, "is_others", False)
         )  # fmt: skip
         if is_so:

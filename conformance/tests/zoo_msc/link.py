@@ -16,7 +16,7 @@ from zoo_msc.planting import (
     Any_,
     MonkeyPatch,
     Receiver,
-    State,
+    ReceiverState,
     alarms,
     around,
     carry_out,
@@ -424,7 +424,7 @@ def a_bwrite_is_acknowledged_again_when_it_is_done(patch: MonkeyPatch) -> None:
 
 def _in_idle(patch: MonkeyPatch, byte: int, sign: bytes) -> None:
     def takes(receiver: Receiver, heard: int, now: int) -> bool:
-        is_so = heard == byte and receiver.state is State.IDLE and receiver.unit == 1
+        is_so = heard == byte and receiver.state is ReceiverState.IDLE and receiver.unit == 1
         if is_so:
             receiver._sign(now, now + receiver._delay_ns, sign, receiver._rest)
         return is_so
@@ -466,7 +466,7 @@ def _wait_survives(patch: MonkeyPatch, name: str, act: Any_) -> None:
     host's sign was awaited."""
 
     def begin(go: Any_, receiver: Any, now: int) -> None:
-        receiver.was_waiting = receiver.state is State.WAIT
+        receiver.was_waiting = receiver.state is ReceiverState.WAIT
         go()
 
     def method(go: Any_, receiver: Any, now: int) -> None:
@@ -530,7 +530,7 @@ def a_reply_amid_a_wait_takes_the_count_over(patch: MonkeyPatch) -> None:
     """The repeats of the old reply count for the one that takes its place."""
 
     def begin(go: Any_, receiver: Any, now: int) -> None:
-        receiver.counted = receiver._repeats if receiver.state is State.WAIT else 0
+        receiver.counted = receiver._repeats if receiver.state is ReceiverState.WAIT else 0
         go()
 
     def reply(go: Any_, receiver: Any, now: int) -> None:

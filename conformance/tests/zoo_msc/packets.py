@@ -15,7 +15,7 @@ from zoo_msc.planting import (
     Commands,
     MonkeyPatch,
     Receiver,
-    State,
+    ReceiverState,
     Whom,
     accepts,
     around,
@@ -308,7 +308,7 @@ def values_go_low_byte_first_both_ways(patch: MonkeyPatch) -> None:
 
 def _in_a_body(receiver: Receiver) -> bool:
     """Whether the next byte is one of a body, not of the checksum."""
-    return receiver.state is State.BODY and receiver._missing > 2
+    return receiver.state is ReceiverState.BODY and receiver._missing > 2
 
 
 @msc_mutant("MSC-PKT-15", traps=(2,))
@@ -329,7 +329,9 @@ def a_02h_in_a_block_number_starts_a_packet(patch: MonkeyPatch) -> None:
     """The receiver begins anew at a 02h behind the length."""
 
     def takes(receiver: Receiver, byte: int, now: int) -> bool:
-        is_start = byte == STX and receiver.state is State.HEADER and len(receiver._packet) > 3
+        is_start = (
+            byte == STX and receiver.state is ReceiverState.HEADER and len(receiver._packet) > 3
+        )
         if is_start:
             receiver._begin_packet(now)
         return is_start
@@ -353,7 +355,7 @@ def a_carriage_return_ends_a_header(patch: MonkeyPatch) -> None:
     """A line editor stands in front of the receiver, and 0Dh is also DWRITE's length."""
 
     def takes(receiver: Receiver, byte: int, now: int) -> bool:
-        is_end = byte == CR and receiver.state is State.HEADER
+        is_end = byte == CR and receiver.state is ReceiverState.HEADER
         if is_end:
             receiver._rest(now)
         return is_end
@@ -380,7 +382,7 @@ def a_byte_above_7fh_in_idle_is_acknowledged(patch: MonkeyPatch) -> None:
     """Unit 1 says 06h to it; other bytes that start no packet are ignored."""
 
     def takes(receiver: Receiver, byte: int, now: int) -> bool:
-        is_so = byte > 0x7F and receiver.state is State.IDLE and receiver.unit == 1
+        is_so = byte > 0x7F and receiver.state is ReceiverState.IDLE and receiver.unit == 1
         if is_so:
             receiver._sign(now, now + receiver._delay_ns, bytes([ACK]), receiver._rest)
         return is_so

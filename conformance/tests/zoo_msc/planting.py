@@ -11,7 +11,7 @@ from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
 from axistwin.devices.msc import receiver as receiver_module
 from axistwin.devices.msc.commands import Commands
 from axistwin.devices.msc.packets import ACK, NAK, STX, Whom, is_sum_right
-from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, State
+from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, ReceiverState
 from axistwin.kernel.schedule import NEVER
 
 __all__ = [
@@ -25,8 +25,8 @@ __all__ = [
     "Commands",
     "MonkeyPatch",
     "Receiver",
+    "ReceiverState",
     "S",
-    "State",
     "Whom",
     "accepts",
     "alarms",
@@ -167,8 +167,8 @@ def listens_to_others(patch: MonkeyPatch, act: Any_) -> None:
 
     def judge_header(go: Any_, receiver: Receiver, now: int) -> None:
         go()
-        if receiver.state is State.SKIP:
-            receiver.state = State.BODY
+        if receiver.state is ReceiverState.SKIP:
+            receiver.state = ReceiverState.BODY
 
     def judge(go: Any_, receiver: Receiver, raw: bytes, now: int) -> None:
         if receiver._whom is not Whom.OTHER:

@@ -58,7 +58,7 @@ class Reception(Protocol):
         """Take ``data``, which concerns nobody who shares this."""
 
 
-class Listener(Protocol):
+class SharedListener(Protocol):
     """The part of a device that may share with others what all of them have heard."""
 
     reception: Any
@@ -71,9 +71,9 @@ class Listener(Protocol):
 class SerialDevice(Device, Protocol):
     """A device with a UART.
 
-    What it may have beside (both are looked at once, by ``getattr``): ``listener``, a ``Listener``,
-    saves asking it about messages for others; ``drops_bad_characters``, if true, tells that a
-    character with a bad stop bit is as if it had never been.
+    What it may have beside (both are looked at once, by ``getattr``): ``listener``, a
+    ``SharedListener``, saves asking it about messages for others; ``drops_bad_characters``, if
+    true, tells that a character with a bad stop bit is as if it had never been.
     """
 
     @property

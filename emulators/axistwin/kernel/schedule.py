@@ -20,7 +20,7 @@ from axistwin.kernel.time import Nanos
 NEVER: Final[Nanos] = 1 << 100
 
 
-class Part(Protocol):
+class ScheduledPart(Protocol):
     """A state machine that is told the time."""
 
     def next_event(self) -> Nanos | None:
@@ -33,7 +33,7 @@ class Part(Protocol):
 class Schedule:
     """Runs parts in the order of (time, rank)."""
 
-    def __init__(self, parts: Sequence[Part], now: Nanos = 0) -> None:
+    def __init__(self, parts: Sequence[ScheduledPart], now: Nanos = 0) -> None:
         self.now = now
         self._parts = tuple(parts)
         self._due = [NEVER] * (len(self._parts) + 1)  # the last one is nobody's

@@ -5,8 +5,8 @@
 
 Rules
 -----
-1. The client is a controller on the bus from ``start`` to ``stop``, whatever its dialect says: it
-   acknowledges, and so a bus with a client is never alone.
+1. The client is a controller on the bus from ``start`` to ``stop``; it acknowledges while its
+   dialect says so.
 2. Writing never waits.  What the descriptor does not take is kept, ``OUTPUT_MAX`` bytes at most;
    beyond that whole messages are lost to this client alone, and counted.  A message that has begun
    is finished.
@@ -54,6 +54,7 @@ class CanClient:
         self._port: int | None = None
         self._on_the_way = 0
         self._controller: ControllerState = "active"
+        self._acknowledges = True
         self._messages: deque[bytes] = deque()
         self._waiting_bytes = 0
         self._begun = b""  # the rest of a message, part of which has been written
@@ -65,7 +66,8 @@ class CanClient:
     def start(self) -> None:
         """Join the bus, and greet."""
         assert self._port is None
-        self._port = self._bus.attach(hears_errors=True)
+        self._acknowledges = self.dialect.acknowledges
+        self._port = self._bus.attach(hears_errors=True, acknowledges=self._acknowledges)
         self._put(self.dialect.greeting())
 
     def stop(self) -> None:
@@ -157,6 +159,14 @@ class CanClient:
                 self._on_the_way += 1
             else:
                 self._put(out)
+        self._follow_dialect()
+
+    def _follow_dialect(self) -> None:
+        """Rule 1."""
+        assert self._port is not None
+        if self.dialect.acknowledges != self._acknowledges:
+            self._acknowledges = not self._acknowledges
+            self._bus.set_acknowledging(self._port, acknowledges=self._acknowledges)
 
     def _count_sent(self) -> None:
         """Find out what has left; afterwards ``_on_the_way`` is what has not."""

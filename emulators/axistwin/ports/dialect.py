@@ -41,6 +41,11 @@ class CanDialect(ABC):
         self._trouble: str | None = None
         self._on_the_way = 0  # frames handed out that have not been on the bus yet
 
+    @property
+    def acknowledges(self) -> bool:
+        """Whether its controller acknowledges frames just now: not one that is closed."""
+        return True
+
     def greeting(self) -> bytes:
         """What a client is sent before it says anything."""
         return b""

@@ -36,6 +36,8 @@ Rules
    modelled that it disturbs the others.
 5. For a client that polls, frames wait in a queue; what does not fit is lost and flagged.  So is
    what a client loses because it does not read.
+6. Only an adapter that is open, and not to listen only, acknowledges frames: what a device sends to
+   a bus with nobody else is tried again until the client opens.
 
 Where adapters differ, what clients rely on decides
 ---------------------------------------------------
@@ -275,6 +277,11 @@ class SlcanPort(CanDialect):
             return True
         allowed = self._bitrate * _RATE_TOLERANCE
         return any(abs(rate - self._bitrate) <= allowed for rate in self.settings.bitrates)
+
+    @property
+    def acknowledges(self) -> bool:
+        """Not while it is closed, only listens, or understands nothing (rules 4 and 6)."""
+        return self.channel is Channel.NORMAL and self.is_rate_right
 
     def receive(self, data: bytes, now_ns: Nanos) -> list[Out]:
         """Perform the complete lines in what came so far; nothing in it depends on the time."""

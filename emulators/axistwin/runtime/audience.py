@@ -9,7 +9,7 @@ back when it is again where the others are.
 from bisect import bisect_left, insort
 from collections.abc import Sequence
 
-from axistwin.devices.base import Listener, Reception, SerialDevice
+from axistwin.devices.base import Reception, SerialDevice, SharedListener
 from axistwin.kernel.time import Nanos
 
 
@@ -18,7 +18,7 @@ class Audience:
 
     def __init__(self, devices: Sequence[SerialDevice]) -> None:
         self._devices = devices
-        self._listeners: list[Listener | None] = [
+        self._listeners: list[SharedListener | None] = [
             getattr(each, "listener", None) for each in devices
         ]
         self._alone = list(range(len(devices)))

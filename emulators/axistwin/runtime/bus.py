@@ -136,14 +136,23 @@ class Bus(Simulation[CanNetwork]):
 
     # -- the ports ----------------------------------------------------------------------------
 
-    def attach(self, *, hears_own: bool = False, hears_errors: bool = False) -> int:
+    def attach(
+        self, *, hears_own: bool = False, hears_errors: bool = False, acknowledges: bool = True
+    ) -> int:
         """A new port of a host, on the bus from now on; its number.
 
         hears_own: it gets its own frames too, when they have left.  hears_errors: see
-        ``receive_all``.
+        ``receive_all``.  acknowledges: see ``set_acknowledging``.
         """
         with self.changing():
-            return self._network.attach(hears_own=hears_own, hears_errors=hears_errors)
+            return self._network.attach(
+                hears_own=hears_own, hears_errors=hears_errors, acknowledges=acknowledges
+            )
+
+    def set_acknowledging(self, port: int, *, acknowledges: bool) -> None:
+        """Whether a port acknowledges the frames of others."""
+        with self.changing():
+            self._network.set_acknowledging(port, acknowledges=acknowledges)
 
     def detach(self, port: int) -> None:
         """Take a port off the bus; waits under way return."""

@@ -289,16 +289,25 @@ class CanNetwork(DeviceNetwork[CanDevice]):
 
     # -- the hosts' ports --
 
-    def attach(self, *, hears_own: bool = False, hears_errors: bool = False) -> int:
+    def attach(
+        self, *, hears_own: bool = False, hears_errors: bool = False, acknowledges: bool = True
+    ) -> int:
         """A new port: a controller on the bus from now on.  Returns its number.
 
         hears_own: it gets the frames that it sent itself, when they have left.
         hears_errors: ``host_take_errors`` has something to tell.
+        acknowledges: see ``set_acknowledging``.
         """
         self.settled_ns = None
         port = self._bus.attach(self.now_ns)
+        self._bus.set_acknowledging(port, self.now_ns, acknowledges=acknowledges)
         self._ports[port] = _Port(hears_own, hears_errors)
         return port
+
+    def set_acknowledging(self, port: int, *, acknowledges: bool) -> None:
+        """Whether a port acknowledges the frames of others."""
+        self.settled_ns = None
+        self._bus.set_acknowledging(port, self.now_ns, acknowledges=acknowledges)
 
     def detach(self, port: int) -> None:
         """Take a port off the bus; a frame it is sending breaks off."""

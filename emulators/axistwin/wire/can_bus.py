@@ -16,12 +16,14 @@ Rules
    error-active its flag destroys the frame for all; if they are all error-passive they only drop
    out, and the rest goes on.
 4. Without anybody to acknowledge it a frame is an error, and tried again without end.  An
-   error-passive sender does not count that error: alone, a station never goes bus-off.
+   error-passive sender does not count that error: alone, a station never goes bus-off.  Nor does a
+   station acknowledge that only listens (``set_acknowledging``).
 5. Errors add 8 to the transmit counter, success takes 1 off; listeners count 1 either way.  Above
    127 a station is error-passive: its flags are recessive, and after sending it waits 8 bits
    longer.  Above 255 it is off until it has seen 128 times 11 recessive bits; then it starts anew.
 6. What repeats itself without change is not stepped through: a bus on which nobody acknowledges
-   sleeps until somebody comes or goes, and the time of the attempt then under way is computed.
+   sleeps until somebody comes, goes or begins to acknowledge, and the time of the attempt then
+   under way is computed.
 7. A station whose passive flag ends after the others' counts as back when the next frame begins.
 8. Without a bit rate frames take no time; rules 1 to 7 hold all the same, in the order of bits.
 9. A disturbance may destroy a frame behind its control field, which all count as an error; or hold
@@ -112,7 +114,10 @@ Happening: TypeAlias = Heard | Fault | Change
 class _Station:
     """One controller: what it still has to send, and its error counters."""
 
-    __slots__ = ("aborts", "hold_bits", "number", "off_left", "queue", "rec", "since_ns", "tec")
+    __slots__ = (
+        *("aborts", "acknowledges", "hold_bits", "number", "off_left"),
+        *("queue", "rec", "since_ns", "tec"),
+    )
 
     def __init__(self, number: int, since_ns: Nanos) -> None:
         self.number = number
@@ -122,6 +127,7 @@ class _Station:
         self.hold_bits = 0  # after the intermission (rule 5)
         self.off_left = 0  # sequences of recessive bits to go, 0 when not off
         self.aborts = False  # what it is sending is not tried again
+        self.acknowledges = True
 
     @property
     def state(self) -> ControllerState:
@@ -143,6 +149,11 @@ class _Attempt:
         self.dropped: list[_Station] = []
         self.listeners: list[_Station] = []
         self.fault: Literal["bit", "ack", "stuff"] | None = None
+
+    @property
+    def is_acknowledged(self) -> bool:
+        """Whether one of the listeners acknowledges."""
+        return any(station.acknowledges for station in self.listeners)
 
 
 class CanBus:
@@ -218,6 +229,20 @@ class CanBus:
             if not attempt.group:
                 attempt.fault = "stuff"
                 attempt.end_ns = now + self.span_ns(2 * FLAG_BITS + DELIMITER_BITS)
+        self._look_for_acknowledgement(attempt)
+
+    def set_acknowledging(self, number: int, now: Nanos, *, acknowledges: bool) -> None:
+        """Whether the station acknowledges the frames of others, as all do at first (rule 4)."""
+        self._wake_up(now)
+        self._stations[number].acknowledges = acknowledges
+        if self._attempt is not None:
+            self._look_for_acknowledgement(self._attempt)
+
+    def _look_for_acknowledgement(self, attempt: _Attempt) -> None:
+        """The last one that would have acknowledged the frame under way may be gone."""
+        if attempt.fault is None and not attempt.is_acknowledged:
+            attempt.fault = "ack"
+            attempt.end_ns += self.span_ns(FLAG_BITS + DELIMITER_BITS - BITS_AFTER_ACK)
 
     def is_attached(self, number: int) -> bool:
         """Whether the station is on the bus."""
@@ -355,7 +380,7 @@ class CanBus:
             bits = self._destroyed_bits(attempt, bits)
         elif is_disturbed := self._is_destroyed(start_ns, attempt.frame, attempt.group[0].number):
             attempt.fault, bits = "bit", DESTROYED_BITS
-        elif attempt.listeners:
+        elif attempt.is_acknowledged:
             bits = wire_bits(attempt.frame)
         else:
             attempt.fault = "ack"
@@ -492,9 +517,11 @@ class CanBus:
         self._recessive_ns = attempt.end_ns - self.span_ns(_PASSIVE_TAIL_BITS)
         pause_bits = INTERMISSION_BITS + SUSPEND_BITS
         self._period_ns = attempt.end_ns - attempt.start_ns + self.span_ns(pause_bits)
-        present = len(self._stations) - len(self._off)
-        aborts = any(station.aborts for station in attempt.group)
-        return present == len(attempt.group) and not aborts
+        has_company = any(
+            station.acknowledges and not station.off_left and station not in attempt.group
+            for station in self._stations.values()
+        )
+        return not has_company and not any(station.aborts for station in attempt.group)
 
     def _wake_up(self, now: Nanos) -> None:
         """Somebody comes or goes: place the attempt that is under way at ``now``."""

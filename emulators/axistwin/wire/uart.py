@@ -28,8 +28,8 @@ from axistwin.wire.framing import Chunk, LineFormat
 from axistwin.wire.waveform import (
     FINE_BITS,
     FINE_PER_S,
-    Piece,
     Transmission,
+    WavePiece,
     level_changes,
     parity_bit,
 )
@@ -78,8 +78,8 @@ def sample(
     line_format: LineFormat,
     begin: int,
     until: int | None,
-    own: tuple[Piece, ...],
-    others: tuple[Piece, ...],
+    own: tuple[WavePiece, ...],
+    others: tuple[WavePiece, ...],
 ) -> Sampled:
     """What a receiver gets that looks for an edge from the fine time ``begin`` on.
 
@@ -233,8 +233,8 @@ class UartReceiver:
         self._base_ns = base_ns = min(starts)
         origin = base_ns << FINE_BITS
         until = max(begin, origin) + width
-        own: list[Piece] = []
-        others: list[Piece] = []
+        own: list[WavePiece] = []
+        others: list[WavePiece] = []
         for each in near:
             if each.start_ns << FINE_BITS < until:
                 piece = each.piece(base_ns, begin, until)

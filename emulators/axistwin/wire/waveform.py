@@ -71,7 +71,7 @@ def _grid(line_format: LineFormat) -> tuple[int, int, tuple[int, ...]]:
     return period, period * length * FINE_PER_S // doubled, edges
 
 
-class Piece(NamedTuple):
+class WavePiece(NamedTuple):
     """Part of a transmission: characters from number ``first`` on, or a break without any.
 
     The times are relative, to whatever its user likes; ``end_ns`` is when a driver lets go that
@@ -213,13 +213,13 @@ class Transmission:
         half_bits = index * self.format.half_bits_per_byte + half_bit
         return (self.start_ns << FINE_BITS) + _fine_edge(self.format, half_bits)
 
-    def piece(self, base_ns: Nanos, begin: int, until: int) -> Piece:
+    def piece(self, base_ns: Nanos, begin: int, until: int) -> WavePiece:
         """What there is to look at between two fine times; ``base_ns`` is where its time begins."""
         origin, per_byte = self.start_ns << FINE_BITS, FINE_PER_S * self.format.half_bits_per_byte
         doubled = 2 * self.format.baud
         first = max(0, begin - origin) * doubled // per_byte
         last = min(self.count, (until - origin) * doubled // per_byte + 1)
-        return Piece(
+        return WavePiece(
             self.start_ns - base_ns,
             self.end_ns - base_ns if self.is_broken else None,
             self.format,
@@ -246,7 +246,7 @@ def make_break(
     return transmission
 
 
-def level_changes(own: Iterable[Piece], others: Sequence[Piece]) -> list[int]:
+def level_changes(own: Iterable[WavePiece], others: Sequence[WavePiece]) -> list[int]:
     """When a receiver sees mark become space, space mark, ..., in ascending fine time.
 
     Of ``others`` space wins; while one of ``own`` drives, the receiver is off and sees mark.

@@ -9,7 +9,7 @@ import pytest
 from echo_line import EchoLine
 
 from axistwin.runtime.line import Line
-from axistwin.runtime.serving.line_server import Port, Server
+from axistwin.runtime.serving.line_server import LinePort, Server
 from axistwin.runtime.serving.rack import Rack
 
 TIMEOUT_S = 20.0
@@ -21,7 +21,7 @@ EVERY_BYTE = bytes(range(256))
 class Served:
     """``port`` serving ``line`` in a thread, within ``with``; ``events``: what was reported."""
 
-    def __init__(self, port: Port, line: EchoLine | None = None) -> None:
+    def __init__(self, port: LinePort, line: EchoLine | None = None) -> None:
         self.line = line or EchoLine()
         self.port = port
         self.events: list[dict[str, Any]] = []

@@ -33,7 +33,7 @@ _FORMS: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class CapturedPart:
     """A frame, or bytes without a pause, of which the first was complete at ``at_ns``."""
 
     at_ns: Nanos
@@ -44,8 +44,8 @@ class Part:
 class Exchange:
     """What the host said, and what came back; times count from the first exchange."""
 
-    request: Part
-    reply: tuple[Part, ...]
+    request: CapturedPart
+    reply: tuple[CapturedPart, ...]
 
 
 def read_capture(model: Model, path: str) -> list[Exchange]:
@@ -55,7 +55,7 @@ def read_capture(model: Model, path: str) -> list[Exchange]:
         # Recorded by who heard both alike: nothing tells host and device apart but the frames.
         is_from_device = model.family.is_from_device
         rows = [("R" if is_from_device(part.content) else "T", part) for _, part in rows]
-    sent: list[tuple[Part, list[Part]]] = []
+    sent: list[tuple[CapturedPart, list[CapturedPart]]] = []
     for way, part in rows:
         if way in _FROM_HOST:
             sent.append((part, []))
@@ -65,13 +65,13 @@ def read_capture(model: Model, path: str) -> list[Exchange]:
         raise UsageError(f"{path}: it has nothing from a host; {_FORMS[model.carrier]}")
     origin_ns = sent[0][0].at_ns
 
-    def counted(part: Part) -> Part:
-        return Part(part.at_ns - origin_ns, part.content)
+    def counted(part: CapturedPart) -> CapturedPart:
+        return CapturedPart(part.at_ns - origin_ns, part.content)
 
     return [Exchange(counted(part), tuple(map(counted, reply))) for part, reply in sent]
 
 
-def _rows(carrier: Carrier, path: str) -> Iterator[tuple[str, Part]]:
+def _rows(carrier: Carrier, path: str) -> Iterator[tuple[str, CapturedPart]]:
     """What the recording has, each with its direction.  Raises UsageError."""
     for number, line in enumerate(lines_of(path), 1):
         if not line.strip() or line.lstrip().startswith(("#", "…")):
@@ -83,7 +83,7 @@ def _rows(carrier: Carrier, path: str) -> Iterator[tuple[str, Part]]:
         if found.content is None:
             continue
         at_ns = _nanos(match["time"], NS_PER_S if carrier == "can" else NS_PER_MS)
-        yield match["way"] or "", Part(at_ns, found.content)
+        yield match["way"] or "", CapturedPart(at_ns, found.content)
 
 
 def lines_of(path: str) -> list[str]:

@@ -17,7 +17,7 @@ from axistwin.runtime.line import Line
 from axistwin.runtime.serving.line_server import Server
 
 if TYPE_CHECKING:
-    from axistwin.runtime.serving.line_server import Port
+    from axistwin.runtime.serving.line_server import LinePort
     from axistwin.runtime.serving.loop import Loop, LoopShare
     from axistwin.runtime.twin import Twin
 
@@ -68,8 +68,8 @@ class SerialRun(Run[Line]):
             _ProgramWatch(simulation, reporter)
         return Server(simulation, self._make_ports(simulation), report=reporter.event, loop=loop)
 
-    def _make_ports(self, line: Line) -> list[Port]:
-        ports: list[Port] = []
+    def _make_ports(self, line: Line) -> list[LinePort]:
+        ports: list[LinePort] = []
         if self._links:
             from axistwin.ports.pty import PtyPort
 

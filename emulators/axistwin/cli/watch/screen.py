@@ -52,7 +52,7 @@ def follow(
                 screen.receive(event)
 
 
-class _Watched:
+class _WatchedDevice:
     """A device, with the values that it has."""
 
     def __init__(self, device: dict[str, Any]) -> None:
@@ -109,7 +109,7 @@ class OverviewScreen:
         self, devices: list[dict[str, Any]], find: Callable[[str], dict[str, Any]]
     ) -> None:
         self._find = find
-        self._devices = {each["name"]: _Watched(each) for each in devices}
+        self._devices = {each["name"]: _WatchedDevice(each) for each in devices}
         self._events = _Events()
 
     def receive(self, event: dict[str, Any]) -> None:
@@ -118,7 +118,7 @@ class OverviewScreen:
         name = event.get("device")
         if event["event"] == "snapshot" and name not in self._devices:
             with contextlib.suppress(UsageError):  # it has just gone again
-                self._devices[event["device"]] = _Watched(self._find(event["device"]))
+                self._devices[event["device"]] = _WatchedDevice(self._find(event["device"]))
         if event.get("kind") == "line_removed":
             for gone in event["details"]["devices"]:
                 self._devices.pop(gone, None)
@@ -157,7 +157,7 @@ class DetailScreen:
     """All that ``device`` shows, by its ``controls``: groups, bits by name, and what it tells."""
 
     def __init__(self, device: dict[str, Any], controls: list[dict[str, Any]]) -> None:
-        self._device = _Watched(device)
+        self._device = _WatchedDevice(device)
         self._controls = {each["name"]: each for each in controls}
         self._events = _Events()
 

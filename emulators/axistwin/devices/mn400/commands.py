@@ -31,7 +31,7 @@ from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.link.packets import REASONS, ReturnCode
 from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin, Port, started, status_part
-from axistwin.devices.mn400.link.sender import Message, ReplyPart
+from axistwin.devices.mn400.link.sender import Reply, ReplyPart
 from axistwin.devices.mn400.mover import MotionOutcome, Mover, QueueFullError, Waiting
 from axistwin.devices.mn400.orders import MotionOrder, StoredSegment, change_of
 from axistwin.devices.mn400.quirks import Mn400Quirks
@@ -520,9 +520,9 @@ class Interpreter:
         assert number is not None
         address, command = self._port.address, line.command
 
-        def change(_: Nanos) -> Message:
+        def change(_: Nanos) -> Reply:
             self._port.set_rate(number)
-            return Message(address, command, ReturnCode.BAUDCHANGEOK)
+            return Reply(address, command, ReturnCode.BAUDCHANGEOK)
 
         parts = [self._status(command, ReturnCode.START), ReplyPart(change)]
         if self._quirks.baud_reply == "plus_done":

@@ -34,7 +34,7 @@ from axistwin.devices.mn400.link import packets
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer, BoardLine, Origin
 from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request
-from axistwin.devices.mn400.link.sender import Message, ReplyPart, ReplySender
+from axistwin.devices.mn400.link.sender import Reply, ReplyPart, ReplySender
 from axistwin.devices.mn400.motion import PulseTrain
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import Four, added
@@ -273,11 +273,11 @@ class Mn400Board:
         is_for_usb = origin is _USB and not self._has_copies
         (self._usb if is_for_usb else self._serial).send(start_ns, parts)
 
-    def last_message(self, origin: Origin) -> Message | None:
+    def last_message(self, origin: Origin) -> Reply | None:
         """What was sent last on the port of ``origin``."""
         return (self._usb if origin is Origin.USB else self._serial).last
 
-    def _send_packet(self, start_ns: Nanos, message: Message) -> Nanos:
+    def _send_packet(self, start_ns: Nanos, message: Reply) -> Nanos:
         address, command, code, value = message
         if value is None:
             data = packets.status(address, command, code, self.quirks)
@@ -288,7 +288,7 @@ class Mn400Board:
         self._effects.append(Transmit(start_ns, data))
         return start_ns + (self.line_format.span_ns(len(data)) if self._is_paced else 0)
 
-    def _send_report(self, start_ns: Nanos, message: Message) -> Nanos | None:
+    def _send_report(self, start_ns: Nanos, message: Reply) -> Nanos | None:
         """Rule 4, MN4-AMB-50."""
         command, code = bytes((message.command,)), bytes((message.code,))
         if message.value is not None:

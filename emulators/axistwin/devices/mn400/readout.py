@@ -14,7 +14,7 @@ from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Answer, BoardLine, Port, status_part
-from axistwin.devices.mn400.link.sender import Message, ReplyPart
+from axistwin.devices.mn400.link.sender import Reply, ReplyPart
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import added
 from axistwin.devices.mn400.quirks import Mn400Quirks
@@ -69,8 +69,8 @@ class ReadOut:
         if measured_ms is not None:
             return Answer([start, *self._measure(line, measured_ms)])
 
-        def tell(now: Nanos) -> Message:
-            return Message(address, command, value=give(now))
+        def tell(now: Nanos) -> Reply:
+            return Reply(address, command, value=give(now))
 
         return Answer([start, ReplyPart(tell)])
 
@@ -82,11 +82,11 @@ class ReadOut:
         def begin(now: Nanos) -> None:
             began.append((mover.phantom_at(now), self._fields(self.position_at(now))))
 
-        def tell(now: Nanos) -> Message:
+        def tell(now: Nanos) -> Reply:
             phantom, position = began[0]
             if self._quirks.measure_position_sample == "end":
                 position = self._fields(self.position_at(now))
-            return Message(address, command, value=f"{position},{mover.phantom_at(now) - phantom}")
+            return Reply(address, command, value=f"{position},{mover.phantom_at(now) - phantom}")
 
         return [ReplyPart(begin), ReplyPart(tell, measured_ms * NS_PER_MS)]
 
@@ -114,7 +114,7 @@ class ReadOut:
         if quirks.readprogram_end == "empty_line":
             texts.append("")
         parts = [status_part(address, command, ReturnCode.START)]
-        parts += [ReplyPart(Message(address, command, value=text)) for text in texts]
+        parts += [ReplyPart(Reply(address, command, value=text)) for text in texts]
         if quirks.readprogram_end == "done":
             parts.append(status_part(address, command, ReturnCode.DONE))
         return Answer(parts)
@@ -123,7 +123,7 @@ class ReadOut:
         """&: the last message once more, from the present number (MN4-CMD-RTX-01..04)."""
         is_replaced = self._quirks.retransmit_cmd == "replaced"
 
-        def again(_: Nanos) -> Message | None:
+        def again(_: Nanos) -> Reply | None:
             last = self._port.last_message(line.origin)
             if last is None:
                 return None

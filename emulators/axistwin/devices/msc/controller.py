@@ -27,7 +27,7 @@ from axistwin.devices.msc.models import MODELS, MscModel
 from axistwin.devices.msc.packets import UNITS
 from axistwin.devices.msc.program import ProgramRunner
 from axistwin.devices.msc.quirks import MscQuirks
-from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, State
+from axistwin.devices.msc.receiver import LINE_FORMAT, Receiver, ReceiverState
 from axistwin.devices.msc.status import Status, StatusBit, status_bit
 from axistwin.devices.snapshot import Snapshot
 from axistwin.devices.traces import StateChanged
@@ -449,7 +449,7 @@ class MscController:
         """The state of the link layer, as the ledger's table calls it (§4)."""
         if self._receiver.is_busy:
             return "EXEC"
-        if self._receiver.state is State.DISCARD:
+        if self._receiver.state is ReceiverState.DISCARD:
             return "BODY"
         return self._receiver.state.name
 

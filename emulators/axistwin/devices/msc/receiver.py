@@ -68,7 +68,7 @@ LINE_FORMAT: Final = LineFormat(9600)
 """9600 8N1 (MSC-PHY-01)."""
 
 
-class State(Enum):
+class ReceiverState(Enum):
     """Where the receiver stands between two bytes."""
 
     IDLE = "idle"
@@ -138,7 +138,7 @@ class Receiver:
 
     def reset(self) -> None:
         """Power-up: idle, nothing is sent, nothing remembered (ledger §4.1)."""
-        self.state = State.IDLE
+        self.state = ReceiverState.IDLE
         # The packet on its way in, T1, and how many bytes are missing until the next decision.
         self._packet = bytearray()
         self._missing = 0
@@ -225,8 +225,8 @@ class Receiver:
         0, or 1 behind the host's ACK that was awaited; -1: it is something else.
         """
         at = 0
-        if self.state is not State.IDLE:
-            if self.state is not State.WAIT:
+        if self.state is not ReceiverState.IDLE:
+            if self.state is not ReceiverState.WAIT:
                 return -1
             if data[:1] == ACK_BYTE:
                 at = 1
@@ -248,7 +248,9 @@ class Receiver:
     def _take_bad(self, chunk: Chunk) -> None:
         """A character with a bad stop bit (rule 6)."""
         policy = self._quirks.uart_error
-        is_in_packet = self.state not in (State.IDLE, State.WAIT) and self._busy_until == NEVER
+        is_in_packet = (
+            self.state not in (ReceiverState.IDLE, ReceiverState.WAIT) and self._busy_until == NEVER
+        )
         if is_in_packet and policy != "drop_byte":
             self._is_bad = self._is_bad or policy == "bad_packet"
             self._take_counted(chunk, 0)
@@ -260,9 +262,9 @@ class Receiver:
             if self._busy_until != NEVER:
                 self._keep(chunk.data[at:])
                 return
-            if self.state is State.IDLE:
+            if self.state is ReceiverState.IDLE:
                 at = self._take_idle(chunk, at)
-            elif self.state is State.WAIT:
+            elif self.state is ReceiverState.WAIT:
                 self._take_waiting(chunk.data[at], chunk.arrival_ns(at))
                 at += 1
             else:
@@ -310,7 +312,7 @@ class Receiver:
 
     def _begin_packet(self, now: Nanos) -> None:
         """An STX: T1 starts."""
-        self.state = State.HEADER
+        self.state = ReceiverState.HEADER
         self._packet = bytearray((STX,))
         self._missing = HEADER_BYTES - 1
         self._is_bad = False
@@ -320,13 +322,13 @@ class Receiver:
         """Take bytes of a packet from byte ``at`` on; returns where to go on."""
         count = min(self._missing, len(chunk.data) - at)
         self._missing -= count
-        if self.state is State.HEADER or self.state is State.BODY:
+        if self.state is ReceiverState.HEADER or self.state is ReceiverState.BODY:
             self._packet += chunk.data[at : at + count]
         now = chunk.arrival_ns(at + count - 1)
         if self._is_interbyte:
             self._packet_due = now + self._packet_ns
         if not self._missing:
-            if self.state is State.HEADER:
+            if self.state is ReceiverState.HEADER:
                 self._judge_header(now)
             else:
                 self._end_packet(now)
@@ -345,13 +347,13 @@ class Receiver:
         if self._whom is not Whom.OTHER:
             self._kept_due = None
         if self._whom is Whom.OTHER:
-            self.state = State.SKIP
+            self.state = ReceiverState.SKIP
             if quirks.other_unit_framing == "hunt_stx":
                 self._end_packet(now)
         elif length <= BODY_MAX or quirks.overlength == "accept":
-            self.state = State.BODY
+            self.state = ReceiverState.BODY
         else:
-            self.state = State.DISCARD
+            self.state = ReceiverState.DISCARD
             if quirks.overlength == "nak_after_header":
                 self._end_packet(now)
             elif quirks.overlength == "timeout_only":
@@ -360,9 +362,9 @@ class Receiver:
     def _end_packet(self, now: Nanos) -> None:
         """No more bytes of the packet are to come, or to be looked at."""
         self._packet_due = NEVER
-        if self.state is State.SKIP:
+        if self.state is ReceiverState.SKIP:
             self._end_foreign(now)
-        elif self.state is State.DISCARD:
+        elif self.state is ReceiverState.DISCARD:
             self._refuse(now)
         else:
             self._judge(bytes(self._packet), now)
@@ -374,9 +376,9 @@ class Receiver:
         """
         kept_due, self._kept_due = self._kept_due, None
         if kept_due is None:
-            self.state = State.IDLE
+            self.state = ReceiverState.IDLE
         else:
-            self.state, self._answer_due = State.WAIT, max(now, kept_due)
+            self.state, self._answer_due = ReceiverState.WAIT, max(now, kept_due)
 
     def _judge(self, raw: bytes, now: Nanos) -> None:
         """A packet of legal length that concerns this unit is complete."""
@@ -405,7 +407,7 @@ class Receiver:
 
     def _stay_busy(self, now: Nanos, until: Nanos, then: Callable[[Nanos], None]) -> None:
         """Work or send ``until`` then, and go on with ``then``: at once if that is now."""
-        self.state = State.IDLE
+        self.state = ReceiverState.IDLE
         if until <= now:
             then(now)
         else:
@@ -478,14 +480,14 @@ class Receiver:
 
     def _await_answer(self, now: Nanos) -> None:
         """The reply has left: T2 starts (MSC-LNK-08)."""
-        self.state = State.WAIT
+        self.state = ReceiverState.WAIT
         if self._quirks.ack_timeout_action != "wait":
             self._answer_due = now + self._answer_ns
         self._look_at_kept(now)
 
     def _rest(self, now: Nanos) -> None:
         """Nothing is under way any more."""
-        self.state = State.IDLE
+        self.state = ReceiverState.IDLE
         self._kept_due = None
         self._answer_due = NEVER
         self._look_at_kept(now)
@@ -518,14 +520,14 @@ class Receiver:
         state, at = self.state, 0
         if self._kept_due is not None:  # what follows this packet may be about the reply
             return 0
-        if state is State.BODY or state is State.DISCARD:
+        if state is ReceiverState.BODY or state is ReceiverState.DISCARD:
             return min(size, self._missing - 1)
-        if state is State.HEADER:
+        if state is ReceiverState.HEADER:
             begun = bytes(self._packet)
             return max(0, self._quiet_when_idle(begun + data, 0) - len(begun))
-        if state is State.SKIP:
+        if state is ReceiverState.SKIP:
             at = self._missing
-        elif state is State.WAIT:
+        elif state is ReceiverState.WAIT:
             at, is_over = self._quiet_while_waiting(data)
             if not is_over:
                 return at

@@ -66,20 +66,20 @@ class Client(Protocol):
         """Send again."""
 
 
-class Port(Endpoint, Protocol):
+class LinePort(Endpoint, Protocol):
     """A place where clients find the line; ``url`` is for ``serial_for_url``."""
 
     def attach(self, server: "Server") -> None:
         """Serve clients, in the server's loop."""
 
 
-class Server(BaseServer[Line, Port]):
+class Server(BaseServer[Line, LinePort]):
     """Serves ``line`` on ``ports``; ``report`` is told of clients that come and go."""
 
     def __init__(
         self,
         line: Line,
-        ports: Sequence[Port],
+        ports: Sequence[LinePort],
         *,
         loop: Loop,
         report: Report = lambda event: None,

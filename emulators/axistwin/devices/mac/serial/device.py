@@ -41,8 +41,8 @@ from axistwin.devices.mac.serial.framing import (
     NACK,
     REQUEST_BYTES,
     UPPER,
-    Reception,
-    Request,
+    FrameReception,
+    MacRequest,
     answer,
     next_frame,
     number,
@@ -101,7 +101,7 @@ class MacSerial(MacModule):
         self._prepare_replies()
         self._take_over_stored()
         # The receiver.
-        self.reception = Reception(any_case=self._any_case)
+        self.reception = FrameReception(any_case=self._any_case)
         self._deaf_until: Nanos = NEVER
         self._sending_until: Nanos = 0
         # The frame in hand: when its Etx was heard, whether bytes take time, what came of it.
@@ -178,7 +178,7 @@ class MacSerial(MacModule):
             self._take(frame, take_apart(frame, self._any_case), chunk, first - 1)
         return self._taken_effects()
 
-    def _take(self, frame: bytes, request: Request, chunk: Chunk, last: int) -> None:
+    def _take(self, frame: bytes, request: MacRequest, chunk: Chunk, last: int) -> None:
         """Take 21 bytes, completed by byte ``last`` of ``chunk``, if they matter here."""
         if self._concerns(request):
             self._etx_ns = chunk.arrival_ns(last)
@@ -196,14 +196,14 @@ class MacSerial(MacModule):
             self.reception.partial = b""
         return first
 
-    def _concerns(self, request: Request) -> bool:
+    def _concerns(self, request: MacRequest) -> bool:
         """Whether 21 bytes from Stx on may have an effect here (MACS-REPLY-13)."""
         address = request.address
         return address == self.address or address == GENERAL_ADDRESS or self._judges_all
 
     # ---- frames --------------------------------------------------------------------------------
 
-    def _judge(self, frame: bytes, request: Request) -> None:
+    def _judge(self, frame: bytes, request: MacRequest) -> None:
         """Take 21 bytes that begin with Stx: rules 1 to 3."""
         if self._etx_ns >= self._due:
             self._run_until(self._etx_ns)
@@ -388,7 +388,7 @@ class MacSerial(MacModule):
     def _hear_nothing(self, until: Nanos) -> None:
         """The UART is off ``until`` then (MACS-CMD-00-02)."""
         self._deaf_until, self._sending_until = until, 0
-        self.reception = Reception(any_case=self._any_case)  # also where it was shared
+        self.reception = FrameReception(any_case=self._any_case)  # also where it was shared
 
     def describe(self, now: Nanos) -> SerialModuleSnapshot:
         """Everything worth showing."""

@@ -51,7 +51,7 @@ def request(address: int, index: int, parameters: int = 0, sub_index: int = 0) -
     return b"\x02014" + body + checksum(body) + b"\x03"
 
 
-class Request(NamedTuple):
+class MacRequest(NamedTuple):
     """What 21 bytes that begin with Stx say; None for what is not two digits."""
 
     address: int | None
@@ -61,11 +61,11 @@ class Request(NamedTuple):
 
 
 @lru_cache(maxsize=1024)  # a host that polls says the same all the time
-def take_apart(frame: bytes, any_case: bool) -> Request:
+def take_apart(frame: bytes, any_case: bool) -> MacRequest:
     """``frame``, 21 bytes, as a module reads it that takes ``any_case`` of digits or upper only."""
     values = ANY_CASE if any_case else UPPER
     told = frame[18:20].upper() if any_case else frame[18:20]
-    return Request(
+    return MacRequest(
         values.get(frame[4:6]),
         values.get(frame[6:8]),
         is_framed(frame),
@@ -114,7 +114,7 @@ def next_frame(buffer: bytes, after: int) -> tuple[int, int]:
     return -1, len(buffer)
 
 
-class Reception:
+class FrameReception:
     """The frame that is being heard, by all modules that have heard the same.
 
     any_case: how they read digits.  ``partial``: the bytes of the frame so far.
@@ -126,21 +126,21 @@ class Reception:
         self.any_case = any_case
         self.partial = partial
         self._seen = b""
-        self._seen_request: Request | None = None
+        self._seen_request: MacRequest | None = None
 
     def is_like(self, other: Any) -> bool:
         """Whether both are at the same place in the same frame, and read it alike."""
         return (
-            isinstance(other, Reception)
+            isinstance(other, FrameReception)
             and self.partial == other.partial
             and self.any_case == other.any_case
         )
 
-    def copy(self) -> "Reception":
+    def copy(self) -> "FrameReception":
         """The same, apart."""
-        return Reception(any_case=self.any_case, partial=self.partial)
+        return FrameReception(any_case=self.any_case, partial=self.partial)
 
-    def lone_request(self, data: bytes) -> Request | None:
+    def lone_request(self, data: bytes) -> MacRequest | None:
         """``data`` taken apart if it is one frame and nothing else, and none has begun before it.
 
         What has begun does not count, since a frame begins anew at each Stx.  Remembered, since the
@@ -151,12 +151,12 @@ class Reception:
             self._seen_request = take_apart(data, self.any_case) if is_one_frame(data) else None
         return self._seen_request
 
-    def frames(self, data: bytes) -> Iterable[tuple[Request, int]]:
+    def frames(self, data: bytes) -> Iterable[tuple[MacRequest, int]]:
         """The frames that ``data`` completes, and behind which of its bytes each ends."""
         request = self.lone_request(data)
         return self._found_in(data) if request is None else ((request, REQUEST_BYTES),)
 
-    def _found_in(self, data: bytes) -> Iterator[tuple[Request, int]]:
+    def _found_in(self, data: bytes) -> Iterator[tuple[MacRequest, int]]:
         kept = len(self.partial)
         buffer = self.partial + data
         start, end = next_frame(buffer, 0)

@@ -6,7 +6,7 @@ from functools import cache
 from typing import NamedTuple, Protocol
 
 from axistwin.devices.mn400.link.packets import ReturnCode
-from axistwin.devices.mn400.link.sender import Message, ReplyPart
+from axistwin.devices.mn400.link.sender import Reply, ReplyPart
 from axistwin.kernel.time import Nanos
 
 
@@ -28,7 +28,7 @@ class Port(Protocol):
     def set_rate(self, number: int) -> None:
         """Change the rate of the serial line, 0..4."""
 
-    def last_message(self, origin: Origin) -> Message | None:
+    def last_message(self, origin: Origin) -> Reply | None:
         """What was sent last on the port of ``origin``."""
 
 
@@ -53,7 +53,7 @@ class BoardLine(NamedTuple):
 @cache
 def status_part(address: int, command: int, code: ReturnCode) -> ReplyPart:
     """A status packet, which says the same whenever it is sent."""
-    return ReplyPart(Message(address, command, code))
+    return ReplyPart(Reply(address, command, code))
 
 
 @cache

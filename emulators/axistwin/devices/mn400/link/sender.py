@@ -17,7 +17,7 @@ from axistwin.kernel.schedule import NEVER
 from axistwin.kernel.time import Nanos
 
 
-class Message(NamedTuple):
+class Reply(NamedTuple):
     """A status packet, or with a ``value`` a data packet, of the board with number ``address``."""
 
     address: int
@@ -26,7 +26,7 @@ class Message(NamedTuple):
     value: str | None = None
 
 
-SendMessage: TypeAlias = Callable[[Nanos, Message], Nanos | None]
+SendMessage: TypeAlias = Callable[[Nanos, Reply], Nanos | None]
 """Sends a message at a time, and tells when it has left; None: the port does not send it."""
 
 
@@ -36,7 +36,7 @@ class ReplyPart(NamedTuple):
     wait_ns: how long after the one before.
     """
 
-    message: Message | Callable[[Nanos], Message | None]
+    message: Reply | Callable[[Nanos], Reply | None]
     wait_ns: Nanos = 0
 
 
@@ -50,7 +50,7 @@ class ReplySender:
         """What is still to be sent, and when at the earliest."""
         self._free_ns: Nanos = 0
         self._not_before: Nanos = 0
-        self.last: Message | None = None
+        self.last: Reply | None = None
 
     def reset(self, now: Nanos) -> None:
         """Drop what is to be sent, and forget what was sent."""
@@ -88,8 +88,8 @@ class ReplySender:
             start_ns, (given, wait_ns) = parts[0]
             if self._free_ns + wait_ns > start_ns:
                 start_ns = self._free_ns + wait_ns
-            message: Message | None
-            if isinstance(given, Message):
+            message: Reply | None
+            if isinstance(given, Reply):
                 if start_ns > now and not self._is_ahead:
                     return
                 message = given

@@ -31,7 +31,7 @@ from math import isqrt
 from typing import NamedTuple
 
 from axistwin.devices.mn400.motion.rules import MoveSettings, Quad
-from axistwin.devices.mn400.motion.timeline import FINE, Piece
+from axistwin.devices.mn400.motion.timeline import FINE, GlideShape
 
 LIMITED_AXES = range(3)
 """The fourth axis is not considered at seams (MN4-CC-08)."""
@@ -127,10 +127,10 @@ class Limits(NamedTuple):
         """The speed at one end that a ramp reaches from ``speed`` at the other."""
         return speed if self.is_flat else isqrt(speed * speed + self.gain)
 
-    def pieces(self, u: int, w: int, length: int) -> list[Piece]:
+    def pieces(self, u: int, w: int, length: int) -> list[GlideShape]:
         """Ramp up, cruise and ramp down over ``length``, between ``u`` and ``w``."""
         if self.is_flat:
-            return [Piece(length, u, u)]
+            return [GlideShape(length, u, u)]
         u2, w2 = u * u, w * w
         peak2 = max(u2, w2, min(self.cap * self.cap, (self.gain + u2 + w2) // 2))
         peak = isqrt(peak2)
@@ -138,7 +138,11 @@ class Limits(NamedTuple):
         down = (peak2 - w2) * length // self.gain if self.gain else 0
         up = min(up, length)
         down = min(down, length - up)
-        return [Piece(up, u, peak), Piece(length - up - down, peak, peak), Piece(down, peak, w)]
+        return [
+            GlideShape(up, u, peak),
+            GlideShape(length - up - down, peak, peak),
+            GlideShape(down, peak, w),
+        ]
 
 
 def limits_of(stretch: Stretch, settings: MoveSettings, feed_permille: int) -> Limits:

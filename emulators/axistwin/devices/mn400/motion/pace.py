@@ -20,7 +20,7 @@ from typing import Protocol
 from axistwin.devices.mn400.motion.lookahead import Seam, SpeedPlan, Stretch, limits_of
 from axistwin.devices.mn400.motion.pulses import PulseTrain
 from axistwin.devices.mn400.motion.rules import MoveSettings
-from axistwin.devices.mn400.motion.timeline import FINE, ONE, Piece, Timeline
+from axistwin.devices.mn400.motion.timeline import FINE, ONE, GlideShape, Timeline
 from axistwin.kernel.time import Nanos
 
 NEAR = ONE >> 16
@@ -150,11 +150,11 @@ class TimedPace:
         """Brakes to start speed if ``ramped``, and rests."""
         place, speed = self._state_at(now_ns)
         x = max(x, place)
-        pieces: list[Piece] = []
+        pieces: list[GlideShape] = []
         if ramped and speed:
             index, rest = self._rest(x)
             slow = self.settings.profile.start << FINE
-            target = [[Piece(stretch.length, slow, slow)] for stretch in rest]
+            target = [[GlideShape(stretch.length, slow, slow)] for stretch in rest]
             entry = speed // rest[0].multiplex
             for part, stretch in zip(self._braking(entry, target, index)[0], rest, strict=False):
                 pieces += [_in_ticks(piece, stretch) for piece in part]
@@ -207,7 +207,7 @@ class TimedPace:
         ]
         return self._timeline(x, pieces)
 
-    def _timeline(self, x: int, pieces: list[Piece]) -> Timeline:
+    def _timeline(self, x: int, pieces: list[GlideShape]) -> Timeline:
         """The timeline of ``pieces``; at the end, or behind a ramp at a tick, if it is near."""
         timeline = Timeline.of(x, pieces)
         missing = self.x1 - timeline.x1
@@ -215,17 +215,17 @@ class TimedPace:
             missing = min(missing, -timeline.x1 % ONE)
         if not 0 < missing < NEAR:
             return timeline
-        distance, v0, v1 = pieces[-1] if pieces else Piece(0, ONE, ONE)
-        return Timeline.of(x, [*pieces[:-1], Piece(distance + missing, v0, v1)])
+        distance, v0, v1 = pieces[-1] if pieces else GlideShape(0, ONE, ONE)
+        return Timeline.of(x, [*pieces[:-1], GlideShape(distance + missing, v0, v1)])
 
     def _braking(
-        self, speed: int, planned: Sequence[Sequence[Piece]], index: int
-    ) -> tuple[list[list[Piece]], list[Piece]]:
+        self, speed: int, planned: Sequence[Sequence[GlideShape]], index: int
+    ) -> tuple[list[list[GlideShape]], list[GlideShape]]:
         """Brake from ``speed`` until ``planned`` is met, stretch by stretch from ``index`` on.
 
         The pieces of the braking, and what follows of the plan in the stretch where they meet.
         """
-        braking: list[list[Piece]] = []
+        braking: list[list[GlideShape]] = []
         for offset, part in enumerate(planned):
             braking.append([])
             if offset:
@@ -244,15 +244,15 @@ class TimedPace:
                     lowest = max(piece.v0, self.settings.profile.start << FINE)
                     if distance:
                         end = max(left.v0, min(lowest, speed))
-                        braking[-1].append(Piece(distance, speed, end))
+                        braking[-1].append(GlideShape(distance, speed, end))
                     return braking, [left, *part[number + 1 :]]
                 loss = self.settings.twice_acceleration * piece.distance << FINE
                 end = isqrt(max(1, speed * speed - loss))
-                braking[-1].append(Piece(piece.distance, speed, end))
+                braking[-1].append(GlideShape(piece.distance, speed, end))
                 speed = end
         return braking, []
 
-    def _braking_distance(self, speed: int, piece: Piece) -> int:
+    def _braking_distance(self, speed: int, piece: GlideShape) -> int:
         """How far into ``piece`` braking meets it, or start speed; its distance: not in it."""
         start = self.settings.profile.start << FINE
         v0, v1 = max(piece.v0, start), max(piece.v1, start)
@@ -265,17 +265,17 @@ class TimedPace:
         return min(piece.distance, excess * piece.distance // closing)
 
 
-def _in_ticks(piece: Piece, stretch: Stretch) -> Piece:
+def _in_ticks(piece: GlideShape, stretch: Stretch) -> GlideShape:
     m = stretch.multiplex
-    return Piece(piece.distance * m, piece.v0 * m, piece.v1 * m)
+    return GlideShape(piece.distance * m, piece.v0 * m, piece.v1 * m)
 
 
-def _cut(piece: Piece, distance: int) -> Piece:
+def _cut(piece: GlideShape, distance: int) -> GlideShape:
     """What is left of ``piece`` behind ``distance``."""
     distance_all, v0, v1 = piece
     if v0 != v1:
         v0 = isqrt(v0 * v0 + (v1 * v1 - v0 * v0) * distance // distance_all)
-    return Piece(distance_all - distance, v0, v1)
+    return GlideShape(distance_all - distance, v0, v1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,7 +72,7 @@ class Glide(NamedTuple):
         return self.v0 + (self.v1 - self.v0) * elapsed // max(duration, 1)
 
 
-class Piece(NamedTuple):
+class GlideShape(NamedTuple):
     """A glide without its place: distance and both speeds."""
 
     distance: int
@@ -88,7 +88,7 @@ class Timeline:
     glides: tuple[Glide, ...]
 
     @classmethod
-    def of(cls, x0: int, pieces: Iterable[Piece]) -> "Timeline":
+    def of(cls, x0: int, pieces: Iterable[GlideShape]) -> "Timeline":
         """The timeline of ``pieces`` from ``x0`` on; those of no length are left out."""
         glides = []
         t, x = 0, x0
