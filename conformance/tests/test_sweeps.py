@@ -268,6 +268,12 @@ def test_hold_that_never_goes_off_is_not_drawn() -> None:
     assert {"hold_takes_arg": "false"} not in singles("mn400", "7")
 
 
+def test_a_ramp_of_an_axis_that_halts_alone_is_not_drawn() -> None:
+    """It halts at once: nothing on the wire could tell it."""
+    assert not go_together({"limit_halts": "axis", "limit_ramp": "true"})
+    assert go_together({"limit_halts": "all", "limit_ramp": "true"})
+
+
 def test_what_is_of_rs232_alone_is_not_drawn_on_rs485() -> None:
     """Nothing on the wire could tell it."""
     assert not go_together({"transport": "rs485", "rs232_unit_check": "nak"})
