@@ -13,13 +13,13 @@ from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, Wrong
 from axistwin_conformance.base.events import Note
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.client import hold
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.facts import (
     facts_of,
     implausible,
     is_plausible,
 )
-from axistwin_conformance.families.mac.axis.driver.hold import hold
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.parameters import (
     PARAMETERS,
@@ -319,7 +319,7 @@ def _read_again(driver: AxisDriver) -> AxisSnapshot:
     if guard is not None and guard.is_in_doubt:
         driver.client.ask(0x20)
     if driver.session.run.runaway and not was_runaway:
-        driver.motion.run_away()
+        hold(driver.client, is_seen_moving=True)
         return _read(driver)
     return now
 

@@ -18,8 +18,8 @@ from axistwin_conformance.families.mac.axis.driver.client import (
     AxisExchange,
     Part,
     Sample,
+    hold,
 )
-from axistwin_conformance.families.mac.axis.driver.hold import hold
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST, AxisLimits
 from axistwin_conformance.families.mac.axis.driver.readings import AxisReadings
@@ -156,10 +156,6 @@ class AxisMotion:
             guard = self.travel_guard
             if guard is None or not guard.is_still(self._client.address):
                 self.run_out()
-
-    def run_away(self) -> None:
-        """Stop at once, and see to it that it stands."""
-        hold(self._client, is_seen_moving=True)
 
     @property
     def travel_guard(self) -> AxisTravelGuard | None:
