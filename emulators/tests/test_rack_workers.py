@@ -230,8 +230,7 @@ def test_reloads_that_are_asked_for_at_once_all_end(tmp_path: Path) -> None:
 
 def test_a_worker_that_is_killed_is_told_and_the_others_go_on(tmp_path: Path) -> None:
     """Its lines are shown as failed, to who asks and who watches; SIGHUP serves them again."""
-    text = CONTROL + 'state = "memory"\n' + line_of("press") + line_of("saw", "mac34-1")
-    text = text.replace(CONTROL, "") + CONTROL
+    text = 'state = "memory"\n' + CONTROL + line_of("press") + line_of("saw", "mac34-1")
     with serve(tmp_path, text, 2) as rack:
         client = ControlClient(ready(rack, 2)["mac23:0@press"]["control"])
         everything, alone = client.watch(), client.watch("mac34-1:0@saw")

@@ -250,21 +250,25 @@ class Front:
             return
         error = f"worker {process.number} has ended ({how}); SIGHUP begins it again"
         for name, section in self._content.sections.items():
-            if self._where[name] == process.number and name not in self._failed:
+            if self._where[name] == process.number:
                 self._lose(section, error)
         self._settle(process.number)
         self._end_if_all_failed()
 
     def _lose(self, section: Section, error: str) -> None:
-        line = self._workforce.lines.get(section.name)
+        """Its worker has ended, because of which it fails if it has not failed before."""
+        name, has_failed = section.name, section.name in self._failed
+        self._ready.pop(name, None)
+        self._failed.setdefault(name, error)
+        line = self._workforce.lines.get(name)
         if line is not None:
-            lost = replace(line, worker=None, failure=error)
-            self._workforce.lines = {**self._workforce.lines, section.name: lost}
-            if self._workforce.audience is not None:
-                self._workforce.audience.line_failed(lost)
-        self._ready.pop(section.name, None)
+            line = replace(line, worker=None, failure=self._failed[name])
+            self._workforce.lines = {**self._workforce.lines, name: line}
+        if has_failed:
+            return
         self._reporter.event(failure_of(section, error))
-        self._failed[section.name] = error
+        if line is not None and self._workforce.audience is not None:
+            self._workforce.audience.line_failed(line)
 
     def _fail(self, line: str, error: str) -> None:
         self._failed[line] = error
