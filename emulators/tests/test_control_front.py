@@ -120,21 +120,21 @@ def test_one_more_client_than_may_watch_is_refused(
 def test_lines_that_come_let_go_who_watches_all(front: FrontOf) -> None:
     """They are told first; who watches one device goes on, unless it would not hear of them."""
     front.forget_gone()
-    audience = front.workforce.audience
-    assert audience is not None
+    viewers = front.workforce.viewers
+    assert viewers is not None
     with front.watch("") as everything, front.watch("?device=mac23:0") as alone:
         for client in (everything, alone):
             assert json.loads(client.recv(TIMEOUT_S))["event"] == "snapshot"
         added = [front.workforce.lines["gone"]]
-        audience.lines_came(added, by_new_worker=False)
+        viewers.lines_came(added, by_new_worker=False)
         told = json.loads(everything.recv(TIMEOUT_S))
         assert (told["line"], told["kind"]) == ("gone", "line_added")
         assert code_at_end(everything) == LET_GO
-        audience.line_failed(added[0])
+        viewers.line_failed(added[0])
         told = json.loads(alone.recv(TIMEOUT_S))
         assert (told["line"], told["kind"]) == ("gone", "line_failed")
         assert told["details"]["error"] == "it was killed"
-        audience.lines_came(added, by_new_worker=True)
+        viewers.lines_came(added, by_new_worker=True)
         assert code_at_end(alone) == LET_GO
 
 

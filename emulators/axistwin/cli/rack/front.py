@@ -179,9 +179,9 @@ class Front:
         added = self._take_ready()
         self._report_ready(added)
         report_reload(self._path, self._reporter, reloaded)
-        if added and self._workforce.audience is not None:
+        if added and self._workforce.viewers is not None:
             lines = [self._workforce.lines[name] for name in added]
-            self._workforce.audience.lines_came(lines, by_new_worker=self._has_new_worker)
+            self._workforce.viewers.lines_came(lines, by_new_worker=self._has_new_worker)
         self._reload_if_wanted()
 
     def _reload_if_wanted(self) -> None:
@@ -267,8 +267,8 @@ class Front:
         if has_failed:
             return
         self._reporter.event(failure_of(section, error))
-        if line is not None and self._workforce.audience is not None:
-            self._workforce.audience.line_failed(line)
+        if line is not None and self._workforce.viewers is not None:
+            self._workforce.viewers.line_failed(line)
 
     def _fail(self, line: str, error: str) -> None:
         self._failed[line] = error

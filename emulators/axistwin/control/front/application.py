@@ -43,12 +43,12 @@ Answering = Callable[[], Awaitable[Response]]
 
 def make_front(workforce: Workforce, counts: Counts, host: str, token: str | None) -> Application:
     """The API for the lines of ``workforce``, for a server that listens at ``host``."""
-    front = Front(workforce, counts)
-    workforce.audience = front
+    front = FrontApi(workforce, counts)
+    workforce.viewers = front
     return Guard(front, host, token, counts.count, paths(read_page()))
 
 
-class Front:
+class FrontApi:
     """See above."""
 
     def __init__(self, workforce: Workforce, counts: Counts) -> None:

@@ -38,7 +38,7 @@ class WorkedLine:
         return self.worker
 
 
-class Audience(Protocol):
+class Viewers(Protocol):
     """Who watches; told from any thread."""
 
     def lines_came(self, lines: Sequence[WorkedLine], *, by_new_worker: bool) -> None:
@@ -56,7 +56,7 @@ class Workforce:
 
     def __init__(self) -> None:
         self.lines: Mapping[str, WorkedLine] = {}
-        self.audience: Audience | None = None
+        self.viewers: Viewers | None = None
 
     @property
     def workers(self) -> list[Worker]:
