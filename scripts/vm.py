@@ -27,6 +27,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -46,6 +47,7 @@ examples:
 STATUS_TIMEOUT = 124
 STATUS_FAILED = 125
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+ANSWER_S = 0.05
 BOOT_TIMEOUT_S = 60.0  # a kernel that has not come to the command is stuck; usual are 1 to 4 s
 
 GUEST = Path(__file__).with_name("vm_guest.sh")
@@ -316,6 +318,8 @@ class Machine:
     process: subprocess.Popen[bytes]
     guard: subprocess.Popen[bytes]
     relays: list[threading.Thread] = field(default_factory=list)
+    taken_bytes: dict[int, int] = field(default_factory=dict)
+    """What has come out of each stream, by the descriptor that it goes to."""
     reader_gone: bool = False
     ended: bool = False
 
@@ -335,6 +339,7 @@ class Machine:
         def copy() -> None:
             try:
                 while data := os.read(source, 1 << 16):
+                    self.taken_bytes[target] += len(data)
                     while data:
                         data = data[os.write(target, data) :]
             except BrokenPipeError:
@@ -344,6 +349,7 @@ class Machine:
                 os.close(source)
 
         os.set_blocking(target, True)
+        self.taken_bytes[target] = 0
         thread = threading.Thread(target=copy, daemon=True)
         thread.start()
         self.relays.append(thread)
@@ -379,6 +385,25 @@ def started(launch: Launch, run: Path) -> Iterator[Machine]:
         yield machine
     finally:
         machine.end()
+
+
+def wait_for_end(machine: Machine, run: Path, timeout_s: float) -> None:
+    """Until the machine ends, answering its question whether all it has sent is here.
+
+    Raises TimeoutExpired.
+    """
+    end_s = time.monotonic() + timeout_s
+    while True:
+        try:
+            machine.process.wait(min(ANSWER_S, max(end_s - time.monotonic(), 0.0)))
+            return
+        except subprocess.TimeoutExpired:
+            if time.monotonic() >= end_s:
+                raise
+        with contextlib.suppress(FileNotFoundError):
+            sent = (run / "sent").read_text(encoding="ascii").split()
+            if [int(each) for each in sent] == list(machine.taken_bytes.values()):
+                (run / "taken").touch()
 
 
 def uml_launch(job: Job, run: Path, folder: Path) -> Launch:
@@ -450,11 +475,11 @@ def wait_for_status(machine: Machine, job: Job, kind: Kind, run: Path) -> int:
     """Wait until the command or its time ends; the status to hand on."""
     try:
         with contextlib.suppress(subprocess.TimeoutExpired):
-            machine.process.wait(min(job.timeout_s, BOOT_TIMEOUT_S))
+            wait_for_end(machine, run, min(job.timeout_s, BOOT_TIMEOUT_S))
         if machine.process.poll() is None:
             if job.timeout_s > BOOT_TIMEOUT_S and not (run / "started").exists():
                 raise failure(f"the kernel is not up after {BOOT_TIMEOUT_S:.0f} s", kind, run)
-            machine.process.wait(max(job.timeout_s - BOOT_TIMEOUT_S, 0.0))
+            wait_for_end(machine, run, max(job.timeout_s - BOOT_TIMEOUT_S, 0.0))
     except subprocess.TimeoutExpired:
         machine.end()
         for thread in machine.relays:

@@ -576,3 +576,19 @@ def test_with_uhid_streams_folders_and_limits_are_the_same(tmp_path: Path) -> No
     assert done.stdout == data
     assert (tmp_path / "new").read_text() == "new\n"
     assert run_vm("--uhid", "--timeout", "20", "sleep", "100").returncode == 124
+
+
+@pytest.mark.usefixtures("_uhid_downloads_done")
+def test_with_uhid_nothing_is_lost_when_the_reader_comes_after_the_command_has_ended(
+    tmp_path: Path,
+) -> None:
+    """The machine stays on until all is out; its ports would forget what waits in them."""
+    script = f"head -c 1000000 /dev/zero; head -c 1000 /dev/zero >&2; echo >{tmp_path}/ended"
+    command = [sys.executable, str(PROGRAM), "--uhid", "--write", str(tmp_path), "sh", "-c", script]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe) as process:
+        while process.poll() is None and not (tmp_path / "ended").exists():
+            time.sleep(0.1)
+        time.sleep(3)  # real time, in which it would go off
+        out, err = process.communicate()
+    assert (process.returncode, len(out), err) == (0, 1_000_000, bytes(1000))

@@ -135,8 +135,8 @@ def _judge_lone_start(driver: MscDriver) -> None:
     if received and received != NAK and not is_many:
         driver.session.fail("MSC-LNK-03", ["NAK", "nothing"], received.hex(" "))
     if not received:
-        hears = driver.link.hears_while_it_talks()
-        readings = ("silent",) if hears else ("silent_on_rs485", "silent")
+        is_rs232 = driver.link.is_surely_rs232()
+        readings = ("silent",) if is_rs232 else ("silent_on_rs485", "silent")
     else:
         readings = ("nak",) if driver.link.is_rs485 else ("silent_on_rs485", "nak")
     driver.reading("timeout_before_unit", readings, "MSC-LNK-03")
