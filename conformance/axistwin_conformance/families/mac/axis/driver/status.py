@@ -7,7 +7,7 @@ from typing import Final
 
 from axistwin_conformance.families.mac.axis.driver.client import AxisClient
 from axistwin_conformance.families.mac.axis.driver.facts import (
-    MacFacts,
+    facts_of,
     implausible,
     is_plausible,
 )
@@ -49,12 +49,10 @@ class AxisStatus:
         """The bytes of 27h.  Whoever asks, and for whichever of them: a temperature that no MAC can
         have is wrong, unless a rig has made it."""
         data, session = self._client.data_bytes(0x27), self._client.session
-        run, facts = session.run, session.run.model.facts
+        run, celsius = session.run, facts_of(session).celsius(data[0])
         is_made = run.rig is not None and run.rig.is_disturbed
-        if isinstance(facts, MacFacts) and not is_made:
-            celsius = facts.celsius(data[0])
-            if not is_plausible(celsius):
-                run.violations.append(implausible(run, data[0], celsius))
+        if not is_plausible(celsius) and not is_made:
+            run.violations.append(implausible(run, data[0], celsius))
         return data
 
     def stopped_on(self) -> int:
