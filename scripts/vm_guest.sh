@@ -28,6 +28,18 @@ settle_stream() {
     case $FSTYPE in hostfs) b stty -F "$ROOT/dev/$1" raw -echo ;; esac
 }
 
+# A virtio port takes more than its reader has read, and forgets it when the machine goes off: waits
+# until the host says that it has got all.
+await_host() {
+    case $FSTYPE in hostfs) return ;; esac
+    b mount -t debugfs debug "$ROOT/sys/kernel/debug"
+    for port in "$OUT" "$ERR"; do
+        b sed -n 's/^bytes_sent: //p' "$ROOT/sys/kernel/debug/virtio-ports/$port"
+    done >"$ROOT$RUN/sending"
+    b mv "$ROOT$RUN/sending" "$ROOT$RUN/sent"
+    until [ -e "$ROOT$RUN/taken" ]; do b sleep 0.05; done
+}
+
 share_folder() { # NUMBER FOLDER
     case $FSTYPE in
         hostfs) b mount -t hostfs -o "$2" none "$ROOT$2" ;;
@@ -121,6 +133,7 @@ run_command() {
     wait "$relay_out" "$relay_err"
     settle_stream "$OUT"
     settle_stream "$ERR"
+    await_host
     echo "$status" >"$ROOT$RUN/status"
     b sync
 }

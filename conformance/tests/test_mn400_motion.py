@@ -98,6 +98,12 @@ WRONG: dict[str, tuple[Make, str]] = {
         hears(("A-500,0,-1000,0,1", "A-500,0,-1000,0,-1")), "MN4-ARC-05",
     ),
     "arcs_run_in_the_plane_that_was_set": (hears(("P4,1,2", "P1,4,2")), "MN4-CMD-P-01"),
+    "the_angle_says_how_far_an_arc_goes": (
+        hears(("A-60,-80,-1,-2,1", "A-60,-80,-1,-2,-1")), "MN4-ARC-01",
+    ),
+    "an_arc_that_waits_begins_where_what_is_before_it_ends": (
+        hears(("A160,-80,122,-80,-1", "A160,-80,122,-80,1")), "MN4-CMD-A-02",
+    ),
     "an_arc_to_its_start_is_a_full_circle": (is_read_as(arc_zero_sweep="none"), "MN4-ARC-06"),
     "radii_must_agree": (hears(("A-100,0,-50,0,1", "A-100,0,-200,0,1")), "MN4-CMD-A-04"),
     "arcs_have_no_ramps": (is_read_as(arc_ramp="true"), "MN4-MOT-13"),
@@ -137,6 +143,8 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_measurement_counts_ticks": (hears(("X4", "X2")), "MN4-CMD-E-03"),
     "a_limit_ends_what_moves_towards_it": (says("/", lambda told: [told[0] ^ 3]),
                                            "MN4-CMD-EXIT-01"),
+    "a_limit_meets_an_arc_where_it_turns_round": (says("/", lambda told: [told[0] ^ 3]),
+                                                  "MN4-CMD-EXIT-01"),
     "a_limit_that_is_on_holds_back_its_direction_alone": (
         is_read_as(multi_limit_exit="first"), "MN4-LIM-05",
     ),

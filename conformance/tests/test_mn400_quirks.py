@@ -34,6 +34,13 @@ DETECTED: list[dict[str, str]] = [
     {"dda_phase": "full"},
     {"cc_capacity": "255"},
 ]
+# Readings that other questions have to know of.
+IN_THE_WAY: list[dict[str, str]] = [
+    {"step_phase": "start"},
+    {"limit_halts": "axis"},
+    {"limit_halts": "axis", "abort_exit_code": "keep"},
+    {"limit_direction": "both"},
+]
 # Readings in which nearly every reply is another one.
 EVERYWHERE: list[dict[str, str]] = [
     {"data_value_encoding": "dot_nul"},
@@ -41,6 +48,7 @@ EVERYWHERE: list[dict[str, str]] = [
     {"move_abort_use": "while_aborted"},
     {"has_feedhold_cmds": "false"},
     {"retransmit_in_entry": "store"},
+    {"hold_takes_arg": "false", "hold_bare_arg": "toggle"},
 ]
 
 
@@ -48,6 +56,14 @@ EVERYWHERE: list[dict[str, str]] = [
 def test_a_reading_is_detected_written_and_made_again(readings: Readings, tmp_path: Path) -> None:
     """Twin → profile → twin of that profile → the same profile, with just that reading in it."""
     TWINS.goes_round(readings, tmp_path / "unit.toml")
+
+
+@pytest.mark.parametrize("readings", IN_THE_WAY, ids=str)
+def test_one_reading_hides_no_other(readings: Readings) -> None:
+    """Every switch is told, or between which readings it is, and no other reading is named."""
+    engine, result = TWINS.detected(quirks_query(readings))
+    assert [one.switch for one in engine.detections if not one.candidates] == []
+    assert TWINS.named(result) == readings
 
 
 def test_what_cannot_be_known_is_told_with_its_reason() -> None:

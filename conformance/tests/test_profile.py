@@ -52,6 +52,7 @@ MEETING = [
     ("plant=inertial target_range=accept", "the_fifo_has_three_stages"),
     ("running_until=profile busy_after_abort=true", "a_stopped_move_does_not_catch_up"),
     ("step_phase=start triangle_law=shared_peak", "the_ramp_has_120_increments_per_unit"),
+    ("ramp_law=equal_increments triangle_law=shared_peak", "the_ramp_has_120_increments_per_unit"),
     ("brake_increments=7 soft_stop_compare=equal", "beyond_a_software_stop_every_motion_ends"),
     (
         "vel_f6_direction=positive vel_reverse_cmd=refuse",

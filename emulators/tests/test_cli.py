@@ -431,6 +431,7 @@ def test_the_daemon_is_ready_soon(tmp_path: Path) -> None:
         (("run", "zzz"), ["'zzz': known: mac23, mac34-1, mac34-2"]),
         (("run", "mac23", "mac23-can:2"), ["mac23-can:2", "CAN bus", "serial line", "each"]),
         (("run", "mac23", "--quirk", "zzz=1"), ["'zzz': see 'axistwin models mac23'"]),
+        (("run", "mac23", "--tcp"), ["requires an argument; see 'axistwin run --help'"]),
         (("run", "mac23", "--quirk", "XON_BYTE=11h"), ["did you mean xon_byte?"]),
         ((), ["axistwin --help"]),
     ],

@@ -58,7 +58,9 @@ LET_GO: Final = (("hold_bare_arg", "toggle"), ("hold_after_release", "one_shot")
 UNSEEN: Final = tuple(
     frozenset({("transport", "rs485"), ("rs232_unit_check", one)}) for one in ("ignore", "nak")
 )
-UNSOUND: Final = (DROWNING, POWERLESS, *UNSEEN)  # readings of which no device has all
+# An axis that halts alone, beside others that go on, halts at once (MN4-AMB-47).
+UNRAMPED: Final = frozenset({("limit_halts", "axis"), ("limit_ramp", "true")})
+UNSOUND: Final = (DROWNING, POWERLESS, *UNSEEN, UNRAMPED)  # readings of which no device has all
 # Counters that a board shows at power-up and that L does not load are never put back.
 COUNTERS: Final = ("long_min", "power_on_position", "long_max")
 FURTHEST: Final = ("-2147483647", "0", "2147483647")  # the defaults of these

@@ -94,9 +94,20 @@ class _Program(click.Group):
         if not name.startswith("-") and self.get_command(ctx, name) is None:
             raise UsageError(f"no command {name!r}; {nearest(name, self.list_commands(ctx))}")
         found = super().resolve_command(ctx, args)
+        ctx.meta[COMMAND_GROUP] = found
         if name in _OWN:  # others say themselves what Ctrl-C is to them once they have begun
             _starting.command_begins()
         return found
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except click.UsageError as error:
+            # click's parser does not say whose option it is that has no value.
+            if error.ctx is None and COMMAND_GROUP in ctx.meta:
+                name, command, _ = ctx.meta[COMMAND_GROUP]
+                error.ctx = click.Context(command, parent=ctx, info_name=name)
+            raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         rows = [(name, text) for name, (_, text) in _OWN.items()]

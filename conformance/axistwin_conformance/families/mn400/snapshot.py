@@ -178,6 +178,8 @@ def restore(session: Session, memory: BoardSnapshot, board: int | None = None) -
         locate(session, driver)
     if memory.touched & MOVED_BY:
         memory.touched |= {"L", *HOME_SETS}
+    if "H" in memory.touched and driver.reading("hold_takes_arg") == "false":
+        memory.touched.discard("H")  # there is no H0: who has turned hold on turns it off
     wanted = [POWER_ON[letter] for letter in sorted(memory.touched & {*POWER_ON})]
     if "I" in memory.touched:
         is_absolute = driver.reading("power_on_mode") == "absolute"

@@ -55,13 +55,13 @@ _TOLD: Mapping[str, Callable[[Mapping[str, object]], str]] = {
 class Reporter:
     """Events on stdout: ready lines for people, or everything as JSON for programs.
 
-    From any thread, and without waiting.
+    From any thread, and without waiting.  descriptor: where, if not on stdout.
     """
 
-    def __init__(self, as_json: bool) -> None:
+    def __init__(self, as_json: bool, descriptor: int = 1) -> None:
         self._as_json = as_json
         self._lock = threading.Lock()
-        self._stdout = Outlet(1, ROOM_BYTES, self._lose_stdout)
+        self._stdout = Outlet(descriptor, ROOM_BYTES, self._lose_stdout)
         self._stderr = Outlet(2, ROOM_BYTES, lambda error: None)
         self._dropped = 0
         self.has_lost = False
@@ -85,7 +85,7 @@ class Reporter:
         control: the URL of the control API.
         """
         for index, device in enumerate(devices):
-            own = [port for port in ports if getattr(port, "device_index", index) == index]
+            own = [port for port in ports if getattr(port, "device_index", None) in (None, index)]
             endpoints = [{"endpoint": port.kind, "url": port.url} for port in own]
             if self._as_json:
                 event = {"device": device, **endpoints[0], "endpoints": endpoints}
@@ -104,14 +104,8 @@ class Reporter:
         in_words = _TOLD.get(str(event["event"]))
         if in_words is not None:
             self.warn(f"{event.get('url') or event['line']}: {in_words(event)}")
-        if not self._as_json:
-            return
-        with self._lock:
-            if self._dropped:
-                loss = {"event": "events_dropped", "count": self._dropped}
-                self._dropped *= not self._put(loss, patience_s)
-            if self._dropped or not self._put(event, patience_s):
-                self._dropped += 1
+        if self._as_json:
+            self._tell(event, patience_s)
 
     def close(self) -> None:
         """Tell what is left, as far as somebody reads it."""
@@ -121,6 +115,14 @@ class Reporter:
     def stopped(self) -> None:
         """The run ends."""
         self.event({"event": "stopped"}, _FAREWELL_S)
+
+    def _tell(self, event: Mapping[str, object], patience_s: float) -> None:
+        with self._lock:
+            if self._dropped:
+                loss = {"event": "events_dropped", "count": self._dropped}
+                self._dropped *= not self._put(loss, patience_s)
+            if self._dropped or not self._put(event, patience_s):
+                self._dropped += 1
 
     def _put(self, event: Mapping[str, object], patience_s: float) -> bool:
         now = datetime.now().astimezone().isoformat(timespec="milliseconds")

@@ -24,6 +24,7 @@ from axistwin_conformance.families.mn400.driver import DATA
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.model.states import BoardState, CellOutcome, state_table
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
+from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off
 
 ORDER = 140
 
@@ -145,11 +146,12 @@ class StateRow:
 
     def _leave(self) -> None:
         """End whatever may be going on, pending or entered, in any reading."""
-        takes = self.driver.reading("hold_takes_arg") == "true"
         is_flushed = self.driver.reading("quit_flushes_queue") == "true"
         ends = ["Q"] * (1 if is_flushed else MOST_QUEUED + 2)
-        for text in (*ends, "K", *ends, *(["H0"] if takes else []), "J0"):
+        for text in (*ends, "K", *ends):
             self.driver.ask(text)
+        turn_hold_off(self.driver)
+        self.driver.ask("J0")
 
 
 Entering = Callable[[StateRow], tuple[str, ...]]

@@ -110,11 +110,12 @@ def arcs_and_contours_are_compensated_before_they_begin(session: Session) -> Non
     """By the direction in which each axis sets out; what is remembered is the last one."""
     motion = begun(session)
     if motion.driver.reading("backlash_arc") == "start_only":
-        for direction in (1, -1):
-            motion.ready(ALL, speed=SLOW)
-            motion.run(f"A-300,-300,-600,-600,{direction}", "MN4-BKL-06")
-            for text in ("M100", "M0,0,-50", "M-50"):
-                motion.run(text, "MN4-BKL-06")
+        for arc in ("-300,-300,-600,-600", "0,-50,-35,-15", "0,-50,35,-15", "35,-35,35,15"):
+            for direction in (1, -1):
+                motion.ready(ALL, speed=SLOW)
+                motion.run(f"A{arc},{direction}", "MN4-BKL-06")
+                for text in ("M100", "M0,0,-50", "M-50"):
+                    motion.run(text, "MN4-BKL-06")
     else:
         session.not_run("MN4-BKL-06", "this board compensates within arcs (MN4-AMB-58)")
     motion.ready(ALL, speed=SLOW)

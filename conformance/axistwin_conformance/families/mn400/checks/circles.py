@@ -33,6 +33,13 @@ TABLE: Final = ("MN4-CMD-A-01", "MN4-CMD-A-02", "MN4-CMD-A-03", "MN4-CMD-A-05", 
                 "MN4-ARC-03", "MN4-ARC-04", "MN4-ARC-08")  # fmt: skip
 # Planes of X and Y, and a traverse motor, from 1.
 PLANES: Final = ((1, 2, 3), (4, 1, 2), (2, 4, 1), (3, 1, 4))
+# Centre and end from the start; the same points of the lattice, or the next, are nearest to both.
+ENDS_BESIDE: Final = (
+    (-60, -80, -1, -2), (-60, -80, 0, 2), (-60, -80, 2, 0), (-60, -80, -2, -1), (61, 31, -2, -1),
+    (69, 1, 1, 0), (-60, -80, -121, -162), (-60, -80, -119, -158),
+)  # fmt: skip
+BESIDE: Final = 2.3  # steps by which radii may differ: rounding of a right arc gives 2.12
+QUEUED: Final = 6  # places that are taken behind the motion that runs
 ON_CIRCLE: Final = ("MN4-ARC-04", "MN4-ARC-08")
 ALONG: Final = 3.5  # steps along a circle: more than rounding of an arc and its traverse gives
 OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right arc gives
@@ -100,6 +107,44 @@ def arcs_run_in_the_plane_that_was_set(session: Session) -> None:
         base = dict(zip((1, 2, 3, 4), (100, 200, 300, 400), strict=True))
         text = f"A{base[x]},{base[y] + 100},{base[x] - 100},{base[y] + 100},-1"
         motion.run(text, "MN4-CMD-A-02", "MN4-CMD-A-02", samples=4)
+
+
+@check("MN4-CMD-A-03", "MN4-CMD-A-05", "MN4-ARC-01", "MN4-ARC-02", "MN4-ARC-03", safety=MOTION)
+def the_angle_says_how_far_an_arc_goes(session: Session) -> None:
+    """Of ends beside the circle, a step or two from the start or from the point opposite: one way
+    round the arc is over at once and the other way nearly whole, or either way about a half."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(250, "these arcs")
+    if float(motion.driver.reading("arc_radius_tol")) < BESIDE:
+        session.skip("this board takes no arc whose end is so far beside it (MN4-AMB-28)")
+    for centre_x, centre_y, x, y in ENDS_BESIDE:
+        for direction in (1, -1):
+            motion.ready()
+            text = f"A{centre_x},{centre_y},{x},{y},{direction}"
+            motion.do(text, ("MN4-CMD-A-03", "MN4-ARC-02"))
+            path = ("MN4-ARC-01", "MN4-CMD-A-03")
+            motion.follow(path, "MN4-ARC-03", "MN4-CMD-A-05", samples=4)
+
+
+@check("MN4-CMD-A-02", "MN4-CMD-A-04", "MN4-STM-01", safety=MOTION)
+def an_arc_that_waits_begins_where_what_is_before_it_ends(session: Session) -> None:
+    """In absolute mode, behind a move, a contour, a helix and an arc that wait as it does: it is
+    taken, and runs to its end."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(300, "these motions")
+    if int(motion.driver.reading("queue_depth")) < QUEUED:
+        session.skip("the queue of this board is too short (MN4-AMB-52)")
+    names = ("MN4-CMD-A-02", "MN4-CMD-A-04")
+    beside = int(float(motion.driver.reading("arc_radius_tol")))
+    for before in (("M60,-40,20",), ("(", "M50,20", "M-30,,40", ")"), ("+-50,0,-100,0,1,70,1",)):
+        motion.ready(speed=500)
+        for text in ("M100", *before, motion.mode(is_absolute=True)):
+            motion.do(text, "MN4-STM-01")
+        for x, y, radius in ((1, 2, 40 - beside), (3, 2, 40 + beside)):  # a step off is refused
+            motion.do(motion.plane(x, y, 4), "MN4-STM-01")
+            at_x, at_y = (motion.end[motor - 1][0] for motor in (x, y))
+            motion.do(f"A{at_x},{at_y - 40},{at_x - radius},{at_y - 40},-1", names)
+        motion.follow(("MN4-STM-01", "MN4-CMD-A-02"), samples=8)
 
 
 @check("MN4-ARC-06", "MN4-CMD-A-05", safety=MOTION)

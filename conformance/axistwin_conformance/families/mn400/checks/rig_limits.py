@@ -9,12 +9,14 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.checks.queue import needs_flags
 from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import RIG_MOTION, BoardMotion
+from axistwin_conformance.families.mn400.planner.circle import STRAY
 
 ORDER = 300
 
 LIMITS: Final = ("rig:limit_plus", "rig:limit_minus")
 SLOW: Final = 500
 FAR: Final = 900
+RADIUS: Final = 200  # of an arc whose half takes about a second
 AUX_8: Final = 32_768
 
 
@@ -125,6 +127,47 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
             session.expect(code in parts, "MN4-LIM-05", parts, code, "exit code of two limits")
         session.rig.work("limit_plus", False, number=other + 1)
         session.rig.work(limit_name(direction), False, number=axis + 1)
+
+
+@check("MN4-LIM-01", "MN4-LIM-02", "MN4-LIM-03", "MN4-CMD-EXIT-01", safety=RIG_MOTION,
+       needs=LIMITS)  # fmt: skip
+def a_limit_meets_an_arc_where_it_turns_round(session: Session) -> None:
+    """A limit that is on ends an arc where an axis turns towards it, behind a pause too, and not
+    before; one that was let go by then stops nothing."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(2 * RADIUS, "these arcs")
+    if motion.driver.reading("limit_direction") != "toward":
+        session.skip("a limit of this board holds back both directions (MN4-AMB-47)")
+    for direction in (1, -1):  # of axis 3, once it has turned round
+        for meanwhile in ("let go", "paused", ""):
+            motion.ready("|", speed=SLOW)
+            session.rig.work(limit_name(direction), True, number=3)
+            motion.do(f"A{-RADIUS},0,{-2 * RADIUS},0,{direction}", "MN4-LIM-02")
+            motion.target.wait(0.2)
+            if meanwhile == "let go":
+                session.rig.work(limit_name(direction), False, number=3)
+                motion.follow("MN4-LIM-02")
+                continue
+            if meanwhile == "paused":
+                motion.do("{", "MN4-LIM-02")
+                motion.target.wait(1.0)
+                motion.do("}", "MN4-LIM-02")
+            _judge_turn(motion, direction)
+            session.rig.work(limit_name(direction), False, number=3)
+
+
+def _judge_turn(motion: BoardMotion, direction: int) -> None:
+    """Judge that axis 3 stands where the arc would turn round, and what the exit code says."""
+    session, here = motion.session, motion.rest()
+    turn = -direction * RADIUS
+    is_there = abs(here[2] - turn) <= STRAY
+    told = f"axis 3 within {STRAY} steps of {turn}, where it turns round"
+    session.expect(is_there, ("MN4-LIM-01", "MN4-LIM-02"), told, here)
+    if motion.driver.reading("limit_halts") == "all":
+        is_short = -2 * RADIUS < here[0] < 0
+        session.expect(is_short, "MN4-LIM-03", "axis 1 on its way", here)
+    code, value = motion.driver.exit_code(), limit_value(2, direction)
+    session.expect(code == value, "MN4-CMD-EXIT-01", value, code, "exit code")
 
 
 @check("MN4-LIM-07", "MN4-CMD-S-01", "MN4-CMD-S-02", safety=RIG_MOTION, needs=("rig:aux",))

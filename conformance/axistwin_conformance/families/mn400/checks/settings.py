@@ -51,14 +51,19 @@ def _longest(text: str) -> int:
 @restoring("H")
 def hold_and_contours_are_served_and_refused_at_their_edges(session: Session) -> None:
     """H and ( at all edges of their grammar; what is served is taken back."""
-    driver = BoardDriver(session)
+    driver, switched = BoardDriver(session), 0
     for letter in SWITCHES:
         for text in edges(letter):
-            judge_text(driver, text, driver.refusal_of(text))
+            refusal = driver.refusal_of(text)
+            judge_text(driver, text, refusal)
             if letter == "(":
                 driver.ask("Q")
+            elif refusal is None:
+                switched += 1
     if driver.reading("hold_takes_arg") == "true":
         driver.command("H0")
+    elif switched % 2:  # each has toggled
+        driver.command("H")
     served = driver.ask("E")
     session.expect(served.says("START", "data"), "MN4-CMD-H-02", "START and a value", served)
     session.expect(driver.is_present(), "MN4-CMD-CC-01", "a poll's reply after Q", "none")

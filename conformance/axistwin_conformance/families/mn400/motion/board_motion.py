@@ -35,6 +35,7 @@ from axistwin_conformance.families.mn400.model.motions import (
 )
 from axistwin_conformance.families.mn400.motion.return_to_start import (
     return_to_start,
+    turn_hold_off,
     wait_for_rest,
 )
 from axistwin_conformance.families.mn400.planner.vector import Window
@@ -108,8 +109,12 @@ class BoardMotion:
         hold = ["H0"] if self.driver.reading("hold_takes_arg") == "true" else []
         for text in (
             *hold, f"F{start},{end},{acceleration}", f"V{speed}", "X1", "B0,0,0,0", "D1,1,1,1",
-            "Y1000", self.plane(1, 3, 2), self.mode(is_absolute=False), "L0,0,0,0", *texts,
+            "Y1000", self.plane(1, 3, 2), self.mode(is_absolute=False), "L0,0,0,0",
         ):  # fmt: skip
+            self.set(text)
+        if not hold:
+            turn_hold_off(self.driver)
+        for text in texts:
             self.set(text)
 
     def set(self, text: str) -> BoardExchange:

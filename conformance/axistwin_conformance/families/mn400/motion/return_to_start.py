@@ -19,6 +19,7 @@ STILL_LOOKS: Final = 3  # alike in a row: who takes steps is seen to, at 5 steps
 MOST_LOOKS: Final = 3000
 HOME_SPEED: Final = 1000
 HOME_ACCELERATION: Final = 10_000
+MOVE_PENDING: Final = ("START", "MOVEPENDING")
 HOME_SETS: Final = "FVBH"  # what the way home sets
 
 
@@ -49,6 +50,26 @@ def _come_to_rest(session: Session, driver: BoardDriver) -> None:
         driver.ask("|")  # else no DONE comes until the next motion (MN4-AMB-51)
 
 
+def turn_hold_off(driver: BoardDriver) -> None:
+    """H0; or H, of a board whose H has no parameter and toggles, if hold is on (MN4-AMB-14): at
+    rest, once speed and profile have been set."""
+    if driver.reading("hold_takes_arg") == "true":
+        driver.ask("H0")
+        return
+    driver.ask("J0")  # a board that jogs serves no M; one on hold may keep this until a K
+    if _is_holding(driver) and _is_holding(driver):  # a K that ends hold has ended it by now
+        driver.ask("H")
+
+
+def _is_holding(driver: BoardDriver) -> bool:
+    """Whether an M that moves nothing is kept; it is let go."""
+    driver.ask("M")
+    is_kept = driver.ask("?").codes == MOVE_PENDING
+    if is_kept:
+        driver.ask("K")
+    return is_kept
+
+
 def return_to_start(session: Session, driver: BoardDriver) -> str:
     """End any motion and go home; why that could not be, or nothing."""
     _come_to_rest(session, driver)
@@ -65,8 +86,9 @@ def return_to_start(session: Session, driver: BoardDriver) -> str:
     speed = min(HOME_SPEED, session.envelope.max_speed)
     back = ",".join(str(-one) for one in away)
     profile = f"F{speed},{speed},{HOME_ACCELERATION}"
-    for text in ("H0", profile, f"V{speed}", "B0,0,0,0", "L0,0,0,0"):
+    for text in (profile, f"V{speed}", "B0,0,0,0", "L0,0,0,0"):
         driver.ask(text)
+    turn_hold_off(driver)
     driver.ask(f"M{back}")
     wanted = tuple(-one for one in away)
     came = wait_for_rest(driver)

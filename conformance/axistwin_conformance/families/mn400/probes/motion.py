@@ -101,13 +101,6 @@ class RecordedMotion:
 
 
 @probe(safety=MOTION)
-def accel_scale(driver: BoardDriver) -> Outcome:
-    """How long 2000 steps take with F1000,4000,4000 and V3000."""
-    recorded = RecordedMotion(driver, "M2000", speed=3000, profile=(1000, 4000, 4000))
-    return recorded.watch(1.4).tells("accel_scale")
-
-
-@probe(safety=MOTION)
 def step_phase(driver: BoardDriver) -> Outcome:
     """The first of two steps at 2 steps/s: at once or after half a second."""
     motion = BoardMotion(driver)
@@ -118,6 +111,13 @@ def step_phase(driver: BoardDriver) -> Outcome:
         driver.session.skip("its replies take too long to tell")
     driver.ask("Q")
     return {0: 0, 1: 1}.get(place[0], str(place))
+
+
+@probe(safety=MOTION)
+def accel_scale(driver: BoardDriver) -> Outcome:
+    """How long 2000 steps take with F1000,4000,4000 and V3000."""
+    recorded = RecordedMotion(driver, "M2000", speed=3000, profile=(1000, 4000, 4000))
+    return recorded.watch(1.4).tells("accel_scale")
 
 
 @probe(safety=MOTION)
@@ -578,7 +578,8 @@ def jog_hold_ms(driver: BoardDriver) -> Outcome:
     jogged = motion.rest()[0] - 1  # the press was a tap as well
     driver.command("J0")
     held_s = (sum(ended) - sum(begun)) / 2e9
-    ms = round((held_s - (jogged + 0.5) / JOG_SPEED) * 1000)
+    is_early = driver.reading("step_phase") == "start"  # then the last step is begun, not over
+    ms = round((held_s - (jogged + (-0.5 if is_early else 0.5)) / JOG_SPEED) * 1000)
     usual = driver.session.run.ledger.ambiguity_of("jog_hold_ms").default_of("jog_hold_ms")
     return Measured(usual if abs(ms - int(usual)) <= JOG_OFF_MS else str(ms))
 

@@ -11,6 +11,7 @@ from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.hold import hold_text
 from axistwin_conformance.families.mn400.checks.queue import (
     MOST_TAKEN,
+    MOVE_S,
     NO_END,
     QUEUE_S,
     fill_queue,
@@ -19,6 +20,7 @@ from axistwin_conformance.families.mn400.checks.queue import (
 )
 from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
+from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off
 
 ORDER = 20  # of this module in a run; see `Family.modules`
 
@@ -45,8 +47,7 @@ def let_go(motion: BoardMotion) -> None:
     motion.driver.ask("K")
     motion.target.wait(0.2)
     motion.driver.ask("Q")
-    takes = motion.driver.reading("hold_takes_arg") == "true"
-    motion.driver.ask("H0" if takes else "H")
+    turn_hold_off(motion.driver)
 
 
 # --- abort ----------------------------------------------------------------------------------------
@@ -221,18 +222,19 @@ def abort_flag_clear(driver: BoardDriver) -> Outcome:
 
 @probe(safety=MOTION_RIG, needs=("rig:limit_plus",))
 def abort_exit_code(driver: BoardDriver) -> Outcome:
-    """/ after a move that a limit has stopped, and then after Q in the next one."""
-    motion, steps = slow(driver, 2)
+    """/ after a move that a limit has stopped, and then after Q in the next one, of which no limit
+    knows."""
+    motion, steps = slow(driver, MOVE_S)
     driver.command(f"M{steps}")
     driver.target.wait(0.3)
     driver.session.rig.work("limit_plus", True, number=1)
-    driver.target.wait(0.3)
+    driver.target.wait(MOVE_S)  # a limit may halt its axis, and not end the move (MN4-AMB-47)
     before = driver.exit_code()
+    driver.session.rig.work("limit_plus", False, number=1)
     driver.command(f"M{-steps}")
     driver.target.wait(0.1)
     driver.command("Q")
     after = driver.exit_code()
-    driver.session.rig.work("limit_plus", False, number=1)
     motion.rest()
     if before == 0:
         return "no exit code of the limit"

@@ -90,6 +90,9 @@ class Precautions(Protocol):
     def after(self, index: int, kind: ReplyKind, /) -> None:
         """Called when the reply has come."""
 
+    def run_away(self) -> None:
+        """Called when the axis has just been seen where nothing leads."""
+
 
 def quiet_s(target: Transport) -> float:
     """How long nothing must come until it counts as silence, this way."""
@@ -293,8 +296,8 @@ class AxisClient(ABC):
         if travel_guard is not None and travel_guard.is_in_doubt:
             exchange = self.ask(0x20)
         runaway = self.session.run.runaway
-        if runaway and not was_runaway:
-            self.command(0x18)
+        if runaway and not was_runaway and self.precautions is not None:
+            self.precautions.run_away()
             if self.session.check is not None:
                 self.session.fail(None, "an axis that goes where it is told", runaway)
         if exchange.reply.data is None:

@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Final
 
 from axistwin_conformance.core.probing import Outcome, probe
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import (
@@ -40,6 +41,9 @@ LONGEST_RAMP: Final = 0xFF
 RAMP_PERIOD: Final = 0x0800  # 3906 inc/s, of all questions about ramps
 ROUNDING_PERIOD: Final = 0x07F1  # the three roundings of its levels lie evenly apart, 3.3 ms
 STOP_PERIOD: Final = 0x1000
+FIRST_OVER_MS: Final = 300  # of a move of two increments at FFFFh
+EQUAL_TIME_MS: Final = 380  # in which 5 increments of a ramp to FFFFh are over, in equal times
+MOST_LATE_MS: Final = 50  # of a look at an axis at FFFFh: its increments are 66 ms apart and more
 FAR_FROM_ZERO: Final = 500  # increments: to the same number of a cleared counter it takes seconds
 ACCELERATED_SLACK: Final = 4  # increments: no formula is given, only its law
 
@@ -224,17 +228,33 @@ def motion_start_ref(driver: AxisDriver) -> Outcome:
 
 @probe(safety=MOVES)
 def triangle_law(driver: AxisDriver) -> Outcome:
-    """A move of two increments at FFFFh: both on the first level, 262 ms, or on the second."""
+    """A move of two increments at FFFFh: both on the first level, 262 ms, or on the second.  Where
+    the levels of a ramp are of equal increments, so is one of fourteen, and not one of two."""
     start = driver.motion.ready(SLOWEST, 1)
     exchange = driver.judge.accepted(0x13, start + 2)
     # Where a step counts at its beginning, the second one begins after 131 ms, or after 66 ms.
-    look_ms = 100 if driver.readings.known("step_phase") else 200
+    is_early = driver.readings.known("step_phase")
+    moved = _moved_by(driver, exchange, start, 100 if is_early else 200)
+    if moved != 1:
+        return {2: 1}.get(moved, f"{moved} of 2 increments before the second is due")
+    driver.client.wait_until(exchange.taken.latest_ns + FIRST_OVER_MS * 1_000_000)
+    start += 2
+    exchange = driver.judge.accepted(0x13, start + 14)
+    if _moved_by(driver, exchange, start, EQUAL_TIME_MS) >= 5:
+        return 0  # levels of equal time: of equal increments 2 are over, and the third has begun
+    # The last one is over after 1834 ms, or after 1703 ms; it begins 131 ms before.
+    moved = _moved_by(driver, exchange, start, 1768 - (131 if is_early else 0))
+    return {13: 0, 14: 1}.get(moved, f"{moved} of 14 increments before the last is due")
+
+
+def _moved_by(driver: AxisDriver, exchange: AxisExchange, start: int, look_ms: int) -> int:
+    """How many increments from `start` the axis is, so long after a command was taken."""
     driver.client.wait_until(exchange.taken.earliest_ns + look_ms * 1_000_000)
     sample = driver.client.sample()
-    if sample.taken.latest_ns - exchange.taken.earliest_ns > look_ms * 1_250_000:
+    late_ms = (sample.taken.latest_ns - exchange.taken.earliest_ns) / 1_000_000 - look_ms
+    if late_ms > min(look_ms // 4, MOST_LATE_MS):
         driver.session.skip("its replies take too long to tell")
-    moved = sample.position - start
-    return {1: 0, 2: 1}.get(moved, f"{moved} of 2 increments after {look_ms} ms")
+    return sample.position - start
 
 
 @probe(safety=MOVES)

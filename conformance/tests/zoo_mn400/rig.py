@@ -1,0 +1,191 @@
+"""Faults of what a rig shows: limits, shield, panel, pulses (LIM, SHD, JOG, THR, SYN, IO)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from axistwin.devices.mn400.inputs import Inputs
+from axistwin.devices.mn400.jog import Jogger
+from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion
+from axistwin.devices.mn400.motion.pace import PulsedPace
+from axistwin.devices.mn400.mover import Mover
+from axistwin.devices.mn400.orders import MotionOrder
+from axistwin.kernel.schedule import NEVER
+from zoo_mn400.planting import Any_, MonkeyPatch, S, around, board_mutant, plans, values
+
+# --- limits, shield, panel ------------------------------------------------------------------------
+
+
+@board_mutant("MN4-LIM-01")
+def limits_stop_nothing(patch: MonkeyPatch) -> None:
+    """They are shown by S, and that is all."""
+    around(patch, Inputs, "blocks", lambda go, inputs, axis, direction: False)
+    patch.setattr(Inputs, "limits_on", property(lambda inputs: iter(())))
+
+
+@board_mutant("MN4-LIM-02")
+def a_limit_that_was_let_go_stops_its_axis_later(patch: MonkeyPatch) -> None:
+    """Where the axis would have met it, had it stayed on."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        foreseen = mover._limit_ns
+        go()
+        mover._limit_ns = min(foreseen, mover._limit_ns)
+
+    around(patch, Mover, "_watch", act)
+
+
+@board_mutant("MN4-LIM-01", "MN4-LIM-02")
+def limits_are_looked_at_when_a_motion_begins(patch: MonkeyPatch) -> None:
+    """And when one is worked: an arc that turns towards one is not stopped."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        go()
+        mover._limit_ns = NEVER
+
+    around(patch, Mover, "_watch", act)
+
+
+@board_mutant("MN4-CMD-S-01")
+def the_shield_has_a_value_in_s(patch: MonkeyPatch) -> None:
+    """That of aux input 1."""
+    status: Any_ = Inputs.__dict__["status"].fget
+    patch.setattr(
+        Inputs, "status", property(lambda inputs: status(inputs) | inputs.is_shield_open << 8)
+    )
+
+
+@board_mutant("MN4-CMD-EXIT-01", traps=(26,))
+def the_exit_code_is_a_number_of_an_axis(patch: MonkeyPatch) -> None:
+    """/ tells 1 to 4."""
+
+    def change(text: str, readout: Any, now: int) -> str:
+        code = int(text)
+        return str((code.bit_length() + 1) // 2)
+
+    values(patch, "/", change)
+
+
+@board_mutant("MN4-CMD-EXIT-04", traps=(26,))
+def an_exit_code_stays(patch: MonkeyPatch) -> None:
+    """A good move leaves the code of the one before."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        before = mover.exit_code
+        go()
+        mover.exit_code = mover.exit_code or before
+
+    around(patch, Mover, "_finish", act)
+
+
+@board_mutant("MN4-SHD-01", "MN4-CMD-FH-01")
+def the_shield_stops_nothing(patch: MonkeyPatch) -> None:
+    """It is shown by [ and : alone."""
+    around(patch, Mover, "shield_changed", lambda go, mover, now: None)
+
+
+@board_mutant("MN4-SHD-02")
+def feed_hold_is_no_pause(patch: MonkeyPatch) -> None:
+    """With ;1 an open shield ends the motion."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        kept, mover.has_feed_hold = mover.has_feed_hold, False
+        go()
+        mover.has_feed_hold = kept
+
+    around(patch, Mover, "shield_changed", act)
+
+
+@board_mutant("MN4-JOG-07", "MN4-CMD-J-01")
+def the_panel_jogs_in_run_mode(patch: MonkeyPatch) -> None:
+    """Jog inputs are heard whatever J says."""
+
+    def act(go: Any_, jogger: Jogger, now: int, axis: int, direction: int) -> None:
+        kept, jogger.is_on = jogger.is_on, True
+        go()
+        jogger.is_on = kept
+
+    around(patch, Jogger, "press", act)
+
+
+@board_mutant("MN4-JOG-03", traps=(28,))
+def a_tap_drops_its_remainder(patch: MonkeyPatch) -> None:
+    """What is less than a step is not kept for the next tap."""
+    from axistwin.devices.mn400.motion import JogTaps
+
+    def act(go: Any_, taps: Any, *given: Any) -> Any:
+        steps, _ = go()
+        return steps, JogTaps()
+
+    around(patch, JogTaps, "tap", act)
+
+
+@board_mutant("MN4-THR-01", "MN4-THR-02", "MN4-CMD-T-01", traps=(43,))
+def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
+    """T over 10 pulses ends with the 20th."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, way: Any, pulses: int, offset: int) -> Any:
+        return go(now, settings, way, 2 * pulses, offset)
+
+    plans(patch, "thread", act)
+
+
+@board_mutant("MN4-THR-01")
+def pulses_are_counted_twice_at_a_high_rate(patch: MonkeyPatch) -> None:
+    """Both edges, above 2000 a second: a thread is over in half its time."""
+
+    def act(go: Any_, motion: Any, now: int, train: Any) -> Any:
+        is_fast = train is not None and train.rate_millihertz > 2_000_000
+        return go(
+            now, replace(train, rate_millihertz=2 * train.rate_millihertz) if is_fast else train
+        )
+
+    around(patch, VectorMotion, "paced_by", act)
+
+
+@board_mutant("MN4-THR-03")
+def a_thread_begins_half_a_turn_too_early(patch: MonkeyPatch) -> None:
+    """On a spindle that turns by itself; an index by hand is heard."""
+
+    def act(go: Any_, train: Any, n: int) -> Any:
+        index = go()
+        return index and index - train.pulses_per_turn // 2
+
+    around(patch, PulseTrain, "index_after", act)
+
+
+@board_mutant("MN4-CMD-T-01")
+def a_thread_whose_spindle_stood_is_over_late(patch: MonkeyPatch) -> None:
+    """A second behind its last pulse, with its steps made: what follows waits."""
+    ends: Any_ = PulsedPace.__dict__["end_ns"].fget
+
+    def late(pace: PulsedPace) -> int | None:
+        end_ns: int | None = ends(pace)
+        return end_ns and end_ns + S * bool(pace.used and pace.train)
+
+    patch.setattr(PulsedPace, "end_ns", property(late))
+
+
+@board_mutant("MN4-SYN-01", "MN4-CMD-V-02")
+def a_negative_speed_is_a_speed(patch: MonkeyPatch) -> None:
+    """V-1 runs without pulses."""
+    patch.setattr(MotionOrder, "is_paced", property(lambda order: order.letter == "T"))
+
+    def act(go: Any_, now: int, settings: MoveSettings, *rest: Any) -> Any:
+        return go(
+            now, replace(settings, speed=settings.speed if settings.speed > 0 else 500), *rest
+        )
+
+    plans(patch, "straight", act)
+
+
+@board_mutant("MN4-IO-01")
+def the_feedrate_pot_scales_by_its_half(patch: MonkeyPatch) -> None:
+    """At 50 % a motion has a quarter of its speed."""
+
+    def act(inputs: Inputs) -> int:
+        is_used = "feedrate_enable" in inputs._on
+        return inputs.feed_pot_permille**2 // 1000 if is_used else 1000
+
+    patch.setattr(Inputs, "feed_permille", property(act))
