@@ -33,6 +33,8 @@ PAIRS: Mapping[str, str] = {
         "invalid_unit=nak packet_timeout_mode=interbyte",
     "its data area ends between two multiples of four":
         "data_address_stride=1 data_size=32770 block_overrun=wrap",
+    "its data area ends elsewhere, and reads 0 behind that":
+        "data_size=32766 data_out_of_range=zero",
     "its scan is longer than an exchange, and its reply comes a second later":
         "scan_ms=39 reply_delay_ms=3000",
     "four wires of RS-485 are not told from RS-232": "transport=rs485 rs485_mode=four_wire",

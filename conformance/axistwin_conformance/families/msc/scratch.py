@@ -166,12 +166,12 @@ class ScratchPlaces:
             )
 
 
-def first_refused(is_refused: Callable[[int], bool], low: int, high: int, stride: int) -> int:
-    """Where a data area ends, to a variable: the lowest address that is refused, between one that
-    is not, from which variables lie at that stride, and one that is."""
+def first_outside(is_outside: Callable[[int], bool], low: int, high: int, stride: int) -> int:
+    """Where a data area ends, to a variable: the lowest address outside, between one that is not,
+    from which variables lie at that stride, and one that is."""
     while high - low > stride:
         middle = low + max(1, (high - low) // (2 * stride)) * stride
-        if is_refused(middle):
+        if is_outside(middle):
             high = middle
         else:
             low = middle

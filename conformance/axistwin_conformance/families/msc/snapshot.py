@@ -449,6 +449,21 @@ def _flag(driver: MscDriver, number: int) -> bool | None:
     return bool(reply.numbers[0])
 
 
+def _state(driver: MscDriver, number: int) -> bool:
+    """The state of a flag that was told before.  Who tells it among all, and refuses it alone, has
+    no reading of the manual for that."""
+    told = _flag(driver, number)
+    if told is not None:
+        return told
+    all_told = _read(driver, codec.RFLAGS) if driver.has_rflags else None
+    if all_told is None:
+        return driver.flag(number)
+    if driver.unit == driver.session.address:
+        wanted = f"ACK and the state of flag {number}, as among all"
+        driver.session.run.violations.append(("MSC-LNK-01", wanted, "NAK"))
+    return number in codec.flags_on(all_told.payload)
+
+
 def restore(session: Session, memory: MscSnapshot) -> tuple[str, ...]:
     """Write back what has been written and differs; return a sentence for each that still does."""
     touched = frozenset(memory.touched)
@@ -490,7 +505,7 @@ def _write_back(driver: MscDriver, memory: MscSnapshot, held: UnitContents) -> l
                 driver.ask(codec.dwrite(at, held.values[at]))
         for number in flags:
             was = held.flags[number]
-            if driver.flag(number) != was and not (was and number in memory.only_off):
+            if _state(driver, number) != was and not (was and number in memory.only_off):
                 is_now, before = ("off", "on") if was else ("on", "off")
                 differs.append(f"flag {number} is {is_now}, was {before}")
                 driver.ask((codec.sflag if was else codec.cflag)(number))

@@ -24,7 +24,7 @@ from axistwin_conformance.families.msc.driver import (
     MscDriver,
     Readings,
 )
-from axistwin_conformance.families.msc.scratch import first_refused
+from axistwin_conformance.families.msc.scratch import first_outside
 
 ORDER = 150  # of this module in a run; see `Family.modules`
 
@@ -308,7 +308,7 @@ def _end_of_data(driver: MscDriver) -> int:
     named = driver.scratch.slots(1)[0]
     if not is_refused(LAST_PLACE):
         driver.session.skip("this device refuses no address, so that its last one cannot be found")
-    return first_refused(is_refused, named, LAST_PLACE, driver.scratch.stride)
+    return first_outside(is_refused, named, LAST_PLACE, driver.scratch.stride)
 
 
 @check("MSC-BREAD-05", safety="rig", needs=("bench", "variables"))
