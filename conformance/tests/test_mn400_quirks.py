@@ -40,6 +40,7 @@ IN_THE_WAY: list[dict[str, str]] = [
     {"limit_halts": "axis"},
     {"limit_halts": "axis", "abort_exit_code": "keep"},
     {"limit_direction": "both"},
+    {"nvm_line_overhead": "13"},
 ]
 # Readings in which nearly every reply is another one.
 EVERYWHERE: list[dict[str, str]] = [

@@ -416,6 +416,20 @@ def backlash_is_not_taken_up(patch: MonkeyPatch) -> None:
     _memories(patch, lambda settings: replace(settings, lash=(0, 0, 0, 0)))
 
 
+@board_mutant("MN4-BKL-01")
+def backlash_is_taken_up_the_other_way(patch: MonkeyPatch) -> None:
+    """As many steps, away from where the move leads."""
+    from axistwin.devices.mn400.motion import moves
+
+    make = moves.compensation
+
+    def act(settings: MoveSettings, *given: Any) -> Any:
+        first, second, third, fourth = settings.lash
+        return make(replace(settings, lash=(-first, -second, -third, -fourth)), *given)
+
+    patch.setattr(moves, "compensation", act)
+
+
 @board_mutant("MN4-BKL-06")
 def a_rounded_arc_ends_the_other_way(patch: MonkeyPatch) -> None:
     """Behind one whose end lies beside its circle the other directions are remembered."""

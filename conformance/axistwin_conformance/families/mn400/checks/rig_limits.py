@@ -94,10 +94,11 @@ def _judge_all_halted(motion: BoardMotion, here: tuple[int, ...], by: list[int])
         session.expect(left == rest, "MN4-LIM-08", rest, left, "steps left")
 
 
-@check("MN4-LIM-04", "MN4-LIM-05", "MN4-LIM-06", "MN4-LIM-02", safety=RIG_MOTION, needs=LIMITS)
+@check("MN4-LIM-04", "MN4-LIM-05", "MN4-LIM-06", "MN4-LIM-02", "MN4-BKL-01", safety=RIG_MOTION,
+       needs=LIMITS)  # fmt: skip
 def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
-    """That of an axis that stands stops nothing; a move towards it makes no step and sets /,
-    towards two of them the sum."""
+    """That of an axis that stands stops nothing, nor does one behind an axis that takes up its
+    backlash; a move towards it makes no step and sets /, towards two of them the sum."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(300, "these moves")
@@ -108,6 +109,10 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
         motion.run(alone(other, 100), "MN4-LIM-04")
         if driver.reading("limit_direction") == "toward":
             motion.run(alone(axis, -direction * 30), "MN4-LIM-02")
+            for text in ("B40,40,40,40", f"D{','.join([str(direction)] * AXES)}"):
+                motion.do(text, "MN4-BKL-01")
+            motion.run(alone(axis, -direction * 30), ("MN4-LIM-02", "MN4-BKL-01"))
+            motion.do("B0,0,0,0", "MN4-BKL-01")
         before, _ = motion.read()
         driver.command(alone(axis, direction * 50))
         after = motion.stays("MN4-LIM-06")
