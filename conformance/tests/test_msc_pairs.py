@@ -29,6 +29,12 @@ PAIRS: Mapping[str, str] = {
         "response_delay_ms=3000 reply_delay_ms=3000 noise_in_idle=nak",
     "it refuses what it finds in a packet for nobody":
         "packet_timeout_ms=262 rs232_unit_check=nak other_unit_framing=hunt_stx transport=rs232",
+    "the neighbours refuse with it what names no unit":
+        "invalid_unit=nak packet_timeout_mode=interbyte",
+    "its data area ends between two multiples of four":
+        "data_address_stride=1 data_size=32770 block_overrun=wrap",
+    "its scan is longer than an exchange, and its reply comes a second later":
+        "scan_ms=39 reply_delay_ms=3000",
     "four wires of RS-485 are not told from RS-232": "transport=rs485 rs485_mode=four_wire",
 }  # fmt: skip
 

@@ -47,6 +47,15 @@ def limits_are_looked_at_when_a_motion_begins(patch: MonkeyPatch) -> None:
     around(patch, Mover, "_watch", act)
 
 
+@board_mutant("MN4-CMD-S-01")
+def the_shield_has_a_value_in_s(patch: MonkeyPatch) -> None:
+    """That of aux input 1."""
+    status: Any_ = Inputs.__dict__["status"].fget
+    patch.setattr(
+        Inputs, "status", property(lambda inputs: status(inputs) | inputs.is_shield_open << 8)
+    )
+
+
 @board_mutant("MN4-CMD-EXIT-01", traps=(26,))
 def the_exit_code_is_a_number_of_an_axis(patch: MonkeyPatch) -> None:
     """/ tells 1 to 4."""

@@ -231,6 +231,13 @@ class MscLink:
         """How many repeats this device sends (MSC-AMB-01)."""
         return LIMITS[self.session.reading("retransmit_limit")]
 
+    @property
+    def is_refused_in_chorus(self) -> bool:
+        """True if the neighbours refuse as well what names no unit: NAKs of several at once garble
+        each other."""
+        is_nak = self.session.reading("invalid_unit") == "nak"
+        return is_nak and bool(self.session.neighbours)
+
     def calm(self, *switches: str) -> None:
         """Go on only if one unit's NAK, or junk, leaves the other units of the line quiet.
 

@@ -17,6 +17,8 @@ MOTION_RIG: Final = ("motion", "rig")
 AUX_INPUTS: Final = 8
 MINUS_2: Final = 4  # the value of the - limit of axis 2
 SIGNED_BIT: Final = 32768
+# Inputs that S does not tell of and that move nothing, with the number of the one that is worked.
+HAVE_NO_VALUE: Final = {"shield": None, "feedrate_enable": None, "jog_res": 1}
 STEPS: Final = 400
 MOVE_S: Final = 4
 SOON_S: Final = 0.5  # in which a board has seen an input
@@ -28,7 +30,7 @@ SWITCHED_S: Final = 0.3
        needs=("rig:limit_plus", "rig:limit_minus", "rig:aux"))  # fmt: skip
 def every_input_has_its_value(session: Session) -> None:
     """Each limit and each aux input, turned on by itself and all together: S is the sum of what is
-    on."""
+    on; of other inputs it tells nothing."""
     driver = BoardDriver(session)
     rig, before = session.rig, driver.inputs()
     session.step(before == 0, "no input on", before)
@@ -53,6 +55,15 @@ def every_input_has_its_value(session: Session) -> None:
     most = 2 * SIGNED_BIT - 1
     wanted = -1 if driver.reading("limit_status_signed") == "true" else most
     session.expect(together == wanted, "MN4-CMD-S-02", wanted, together, "with all inputs on")
+    for name, number in inputs:
+        rig.work(name, False, number=number)
+    for name, one in HAVE_NO_VALUE.items():
+        if name in rig.capabilities:
+            rig.work(name, True, number=one)
+            driver.target.wait(SWITCHED_S)
+            seen = driver.inputs()
+            rig.work(name, False, number=one)
+            session.expect(seen == 0, "MN4-CMD-S-01", 0, seen, f"with {name.replace('_', ' ')} on")
 
 
 @check("MN4-CMD-EXIT-02", "MN4-CMD-EXIT-03", "MN4-CMD-EXIT-04", safety=MOTION_RIG,

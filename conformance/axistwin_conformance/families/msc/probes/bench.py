@@ -30,7 +30,7 @@ from axistwin_conformance.families.msc.probing import (
     reply_kind_of,
     variable,
 )
-from axistwin_conformance.families.msc.scratch import SAFE_STRIDE
+from axistwin_conformance.families.msc.scratch import SAFE_STRIDE, first_refused
 
 ORDER = 30  # of this module in a run; see `Family.modules`
 
@@ -256,28 +256,21 @@ def _has(driver: MscDriver, address: int, value: int) -> bool:
     return reply is not None and reply.values[0] == value
 
 
-def _is_refused(driver: MscDriver, address: int) -> bool:
-    return _ask(driver, codec.dread(address))[0] is MscReplyKind.NAK
-
-
 def _end(driver: MscDriver) -> int:
     """The first address behind the data area; 0 if nothing shows it."""
     reading = driver.session.reading("data_out_of_range")
     if reading != "nak":
         return _wrapped_size(driver) if reading == "wrap" else SIZES[0]
-    likely = SIZES[0]
-    if _is_refused(driver, likely) and not _is_refused(driver, likely - SAFE_STRIDE):
+
+    def is_refused(address: int) -> bool:
+        return _ask(driver, codec.dread(address))[0] is MscReplyKind.NAK
+
+    likely, stride = SIZES[0], driver.scratch.stride
+    if is_refused(likely) and not is_refused(likely - stride):
         return likely
-    low, high = variable(driver), LAST
-    if not _is_refused(driver, high):
+    if not is_refused(LAST):
         return 0
-    while high - low > SAFE_STRIDE:
-        middle = (low + high) // 2 // SAFE_STRIDE * SAFE_STRIDE
-        if _is_refused(driver, middle):
-            high = middle
-        else:
-            low = middle
-    return high
+    return first_refused(is_refused, variable(driver), LAST, stride)
 
 
 @probe(safety=WORKED, needs=WITH_VARIABLES)

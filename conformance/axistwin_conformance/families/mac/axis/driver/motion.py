@@ -353,7 +353,7 @@ class AxisMotion:
         law: Law | None = None,
     ) -> Forecast:
         """What to expect of a 15h from rest taken over in that exchange."""
-        direction = self.heading(direction)
+        direction = self._heading(direction)
         return Forecast.started(
             exchange.taken,
             origin,
@@ -363,7 +363,7 @@ class AxisMotion:
             mode="VE",
         )
 
-    def heading(self, direction: int) -> int:
+    def _heading(self, direction: int) -> int:
         """The way this device turns when asked for a direction (MACS-AMB-07)."""
         return 1 if self._readings.known("vel_f6_direction") == 1 else direction
 
