@@ -9,6 +9,7 @@ import pytest
 from served import TIMEOUT_S
 
 from axistwin.cli.run import reporter
+from axistwin.cli.run.outlet import Outlet
 from axistwin.cli.run.reporter import ROOM_BYTES, Reporter
 
 pytestmark = pytest.mark.system
@@ -72,15 +73,15 @@ def test_a_reader_who_never_reads_is_waited_for_once(monkeypatch: pytest.MonkeyP
     """And not for each device."""
     monkeypatch.setattr(reporter, "_FAREWELL_S", 0.01)
     waited: list[float] = []
-    put = reporter.Outlet.put
+    put = Outlet.put
 
-    def counted(outlet: reporter.Outlet, data: bytes, patience_s: float = 0.0) -> bool:
+    def counted(outlet: Outlet, data: bytes, patience_s: float = 0.0) -> bool:
         has_room = put(outlet, data, patience_s)
         if not has_room and patience_s:
             waited.append(patience_s)
         return has_room
 
-    monkeypatch.setattr(reporter.Outlet, "put", counted)
+    monkeypatch.setattr(Outlet, "put", counted)
     read_at, told_at = os.pipe()
     with contextlib.closing(Reporter(True, told_at)) as tells:
         for number in range(EVENTS):
