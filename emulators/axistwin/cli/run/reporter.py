@@ -82,7 +82,8 @@ class Reporter:
     ) -> None:
         """One event per device of a line, by its name: clients can connect.
 
-        control: the URL of the control API.
+        A reader who is behind is waited for, unless one has been in vain.  control: the URL of the
+        control API.
         """
         for index, device in enumerate(devices):
             own = [port for port in ports if getattr(port, "device_index", None) in (None, index)]
@@ -90,11 +91,12 @@ class Reporter:
             if self._as_json:
                 event = {"device": device, **endpoints[0], "endpoints": endpoints}
                 more = {} if control is None else {"control": control}
-                self.event({"event": "ready", **event, **more})
+                self.event({"event": "ready", **event, **more}, self._patience_s())
             else:
                 where = " ".join(f"{port.kind}={port.describe()}" for port in own)
                 where += "" if control is None else f" control={control}"
-                self._stdout.put(_encoded(f"ready {device} {where}\n", sys.stdout.encoding))
+                text = _encoded(f"ready {device} {where}\n", sys.stdout.encoding)
+                self._dropped += not self._stdout.put(text, self._patience_s())
 
     def event(self, event: Mapping[str, object], patience_s: float = 0.0) -> None:
         """Tell one event; people are only told when clients can connect, and what goes wrong.
@@ -115,6 +117,9 @@ class Reporter:
     def stopped(self) -> None:
         """The run ends."""
         self.event({"event": "stopped"}, _FAREWELL_S)
+
+    def _patience_s(self) -> float:
+        return 0.0 if self._dropped else _FAREWELL_S
 
     def _tell(self, event: Mapping[str, object], patience_s: float) -> None:
         with self._lock:
