@@ -204,7 +204,7 @@ def test_what_cannot_be_put_back_is_told() -> None:
 
 
 def test_a_flag_that_is_refused_alone_is_put_back_as_it_is_told_among_all() -> None:
-    """The unit is not lost by that, and is accused of it: no reading tells a flag among all only."""
+    """The unit is not lost by that, and is accused of it: no reading has a flag among all only."""
     port = TwinPort()
     session = session_of(port)
     run = session.run
