@@ -7,6 +7,9 @@ lines allow, and flood one with garbage, so that the machine is busy; and while 
 same rack.  The ratio of the last two is what a quiet line pays for its neighbours, on a machine
 where the rack does not wait for a core.  Lines have their real rates.  At last every quiet device
 is asked under that load.
+
+What workers bring is measured with lines that take no time: one process and two workers serve the
+same ones, and a client that keeps all of them busy turns from one to the other.
 """
 
 from __future__ import annotations
@@ -15,7 +18,9 @@ import contextlib
 import json
 import multiprocessing
 import random
+import selectors
 import socket
+import statistics
 import subprocess
 import sys
 import threading
@@ -48,6 +53,10 @@ IDLE_S = 5.0
 KIB = 1024
 GARBAGE = random.Random(17).randbytes(1 << 16)
 TCP, RFC2217 = f'tcp = "{HOST}:0"', f'rfc2217 = "{HOST}:0"'
+BUSY_LINES = 8
+AT_ONCE = 400  # queries, of which only the last one is for somebody: the client has little to do
+QUERIES = (AT_ONCE - 1) * query(1) + query(0)
+ANSWER_BYTES = 21  # of a MAC
 SLICE_FACTOR = 4  # exchanges on real lines are slow
 
 
@@ -194,7 +203,7 @@ class RunningRack:
     @property
     def waited_s(self) -> float:
         """How long it could have run, but other processes had the cores."""
-        return int(Path(f"/proc/{self.process.pid}/schedstat").read_text().split()[1]) / 1e9
+        return waited_s(self.process)
 
     @property
     def private_kib(self) -> float:
@@ -202,29 +211,42 @@ class RunningRack:
         return float(self.process.memory_full_info().uss) / KIB
 
 
+def waited_s(process: psutil.Process) -> float:
+    """How long its first thread could have run, but others had the cores."""
+    return int(Path(f"/proc/{process.pid}/schedstat").read_text().split()[1]) / 1e9
+
+
 @contextlib.contextmanager
 def rack(folder: Path, blocks: int) -> Iterator[RunningRack]:
     """A rack of so many blocks, until the block of the caller ends."""
     text, roles = rack_text(blocks)
+    begin_s = time.perf_counter()
+    with started(folder, text, PER_BLOCK * blocks) as (running, events):
+        ready_s = time.perf_counter() - begin_s
+        times = running.cpu_times()
+        seats = []
+        for event in events:
+            device, _, line = event["device"].partition("@")
+            model, _, address = device.partition(":")
+            url = str(event["url"])
+            url = str(folder / url) if url.startswith("./") else url
+            seats.append(Seat(model, int(address), roles[int(line.split("-")[1])], url))
+        yield RunningRack(running, (ready_s, times.user + times.system), seats)
+
+
+@contextlib.contextmanager
+def started(
+    folder: Path, text: str, devices: int, *options: str
+) -> Iterator[tuple[psutil.Process, list[dict[str, Any]]]]:
+    """A rack, which is ready, and its events, until the block of the caller ends."""
     folder.mkdir()
     (folder / "rack.toml").write_text(text)
-    command = [sys.executable, "-m", "axistwin", "rack", "rack.toml", "--json"]
-    begin_s = time.perf_counter()
+    command = [sys.executable, "-m", "axistwin", "rack", "rack.toml", "--json", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder) as process:
         try:
             assert process.stdout is not None
-            seats = []
-            for _ in range(PER_BLOCK * blocks):
-                event = json.loads(process.stdout.readline())
-                device, _, line = event["device"].partition("@")
-                model, _, address = device.partition(":")
-                url = str(event["url"])
-                url = str(folder / url) if url.startswith("./") else url
-                seats.append(Seat(model, int(address), roles[int(line.split("-")[1])], url))
-            ready_s = time.perf_counter() - begin_s
-            running = psutil.Process(process.pid)
-            times = running.cpu_times()
-            yield RunningRack(running, (ready_s, times.user + times.system), seats)
+            events = [json.loads(process.stdout.readline()) for _ in range(devices)]
+            yield psutil.Process(process.pid), events
         finally:
             process.terminate()
             process.wait(PATIENCE_S)
@@ -399,6 +421,75 @@ def take_turns(kinds: Sequence[Quiet], end_s: float, phase: str) -> None:
         thread.join()
 
 
+class Busy:
+    """A rack of so many workers, and a client that keeps all lines of it busy."""
+
+    def __init__(self, folder: Path, workers: int, stack: contextlib.ExitStack) -> None:
+        text = "state = 'memory'\n" + "".join(
+            f'[[line]]\nname = "line-{number}"\ndevices = "mac23"\n{TCP}\npacing = false\n'
+            for number in range(BUSY_LINES)
+        )
+        options = ("--workers", str(workers))
+        front, events = stack.enter_context(started(folder, text, BUSY_LINES, *options))
+        self.processes = [front, *front.children()]
+        self.rates: list[float] = []
+        self.used_s = self.waited_s = 0.0
+        self.requests = 0
+        self._selector = stack.enter_context(selectors.DefaultSelector())
+        for event in events:
+            place = urlsplit(event["url"])
+            connection = stack.enter_context(
+                socket.create_connection((place.hostname, place.port), PATIENCE_S)
+            )
+            connection.sendall(QUERIES)
+            self._selector.register(connection, selectors.EVENT_READ, bytearray())
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU time of all its processes."""
+        used = [each.cpu_times() for each in self.processes]
+        return float(sum(times.user + times.system for times in used))
+
+    def take_turn(self, seconds: float) -> None:
+        """Give each line more as soon as its device has answered."""
+        begin_s, begin_cpu_s, count = time.perf_counter(), self.cpu_s, 0
+        begin_waited_s = sum(map(waited_s, self.processes))
+        while (now_s := time.perf_counter()) < begin_s + seconds:
+            for key, _ in self._selector.select(PATIENCE_S):
+                assert isinstance(key.fileobj, socket.socket)
+                key.data.extend(key.fileobj.recv(64))
+                if len(key.data) == ANSWER_BYTES:
+                    key.data.clear()
+                    key.fileobj.sendall(QUERIES)
+                    count += AT_ONCE
+        self.rates.append(count / (now_s - begin_s))
+        self.used_s += self.cpu_s - begin_cpu_s
+        self.waited_s += sum(map(waited_s, self.processes)) - begin_waited_s
+        self.requests += count
+
+    def row(self, name: str) -> str:
+        """How fast, and at which price."""
+        return (
+            f"  {name:<12}{statistics.median(self.rates):9.0f} requests/s,"
+            f" CPU {1e6 * self.used_s / self.requests:.1f} µs each;"
+            f" had a core {100 * self.used_s / (self.used_s + self.waited_s):.0f} % of the time"
+        )
+
+
+def compare_workers(folder: Path, seconds: float) -> None:
+    """One process and two workers, turn about."""
+    with contextlib.ExitStack() as stack:
+        one, two = (Busy(folder / f"busy-{count}", count, stack) for count in (1, 2))
+        for _ in range(SLICES + 1):
+            for each in (one, two):
+                each.take_turn(seconds)
+        ratios = [many / few for few, many in zip(one.rates[1:], two.rates[1:], strict=True)]
+        print(f"  workers: {BUSY_LINES} lines that take no time, a client that asks on all at once")
+        print(one.row("one process"))
+        print(two.row("two workers"))
+        print(f"  ratio {statistics.median(ratios):.2f}")
+
+
 def measure_rack(folder: str, seconds: float, blocks: int = BLOCKS) -> None:
     """All of it."""
     with rack(Path(folder) / "half", blocks // 2) as half:
@@ -415,3 +506,4 @@ def measure_rack(folder: str, seconds: float, blocks: int = BLOCKS) -> None:
         print(f"  memory: {further_kib:.1f} KiB per further device")
         with rack(Path(folder) / "other", blocks) as other:
             compare_quiet(running, other, seconds * SLICE_FACTOR)
+    compare_workers(Path(folder), seconds * SLICE_FACTOR)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from axistwin_conformance.base.ledger import family_folder, load_ledger
-from axistwin_conformance.families.mac.axis.snapshot import MacFacts
+from axistwin_conformance.families.mac.axis.driver.facts import MacFacts
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import ReplyKind
 from axistwin_conformance.families.mac.serial.family import MODELS

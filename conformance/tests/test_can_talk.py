@@ -19,6 +19,7 @@ from axistwin_conformance.families.mac.axis.driver.status import AxisStatus
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.client import CanClient
 from axistwin_conformance.families.mac.can.codec import ReplyKind
+from axistwin_conformance.families.mac.can.family import MODELS
 from axistwin_conformance.transport.can import CanTransport
 from axistwin_conformance.transport.can_frame import Frame
 
@@ -67,7 +68,7 @@ def make_client(module: Module, toy: Any, *, is_lossless: bool = True, **words: 
     )
     options = toy.options()
     run = Run(
-        target=target, family=toy.family, model=toy.family.models["toy"],
+        target=target, family=toy.family, model=MODELS["mac23-can"],
         ledger=load_ledger("mac_can"), address=1, neighbours=(), allowed=options.allowed,
         envelope=options.settings.envelope, seed=5,
     )  # fmt: skip

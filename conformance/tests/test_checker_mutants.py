@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from checker_faults import Patch, fault, faults_in, judge_red
 
-from axistwin_conformance.families.mac.axis import snapshot
+from axistwin_conformance.families.mac.axis.driver import facts as facts_module
 from axistwin_conformance.families.mac.axis.model import forecast, kinematics
 from axistwin_conformance.families.mac.axis.model.acceptance import ACCEPTANCE
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Timeline, TimeWindow
@@ -167,8 +167,8 @@ def the_bits_of_both_stops_are_exchanged(patch: Patch) -> None:
 @fault("supply_and_temperature_have_the_model_s_scale", "MACS-Q-27-01")
 def the_supply_has_another_scale(patch: Patch) -> None:
     """27h is read with half of the model's volts per count."""
-    facts = snapshot.MacFacts.volts
-    patch.setattr(snapshot.MacFacts, "volts", lambda one, vv: facts(one, vv) * 0.9)
+    facts = facts_module.MacFacts.volts
+    patch.setattr(facts_module.MacFacts, "volts", lambda one, vv: facts(one, vv) * 0.9)
 
 
 FAULTS = faults_in(globals())
@@ -177,4 +177,4 @@ FAULTS = faults_in(globals())
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_wrong_checker_turns_a_healthy_twin_red(name: str) -> None:
     """The prediction that was tampered with no longer holds, and the check says so."""
-    judge_red(FAULTS[name], "mac23", (codec, family, forecast, snapshot, kinematics))
+    judge_red(FAULTS[name], "mac23", (codec, family, forecast, facts_module, kinematics))

@@ -9,6 +9,10 @@ import pytest
 from sweeping.runs import VIRTUAL, Setting
 from sweeping.sweeps import QuirkSweep
 
+from axistwin_conformance.base.verdicts import Verdict
+from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.options import make_options
+
 pytestmark = pytest.mark.strength(seconds=60)
 
 EDGES = [
@@ -40,3 +44,14 @@ def test_a_number_at_its_edge_fails_nothing(model: str, switch: str, value: str)
     sweep = QuirkSweep(Setting(model, VIRTUAL, "quick", 300), seed=1)
     row = sweep.judge_readings({switch: value})
     assert row["outcome"] in ("sound", "unread"), row["why"]
+
+
+def test_a_target_that_slow_replies_let_be_reached_is_not_behind() -> None:
+    """0Bh on the way comes when the move is over: the check tells that, and fails nothing."""
+    url = "axistwin://mac23:0?time=virtual&quirk.reply_latency_us=450000"
+    name = "a_target_left_behind_is_returned_to"
+    options = make_options(model="mac23", port=url, ids=(name,), allow="motion,stored")
+    (ran,) = Engine(options).run(lambda event: None).checks
+    told = {finding.verdict: finding.text for finding in ran.findings}
+    assert Verdict.FAIL not in told
+    assert told[Verdict.NOT_RUN] == "its replies take too long to tell"

@@ -59,6 +59,11 @@ class Line:
         self.travel_guard.received(NACK, self.now_ns)  # as if never said
         return False
 
+    def would_refuse(self, index: int, parameter: int = 0) -> bool:
+        """The same without a word on the line."""
+        frame = codec.request(0, index, parameter).encode()
+        return self.travel_guard.foresee(frame, self.now_ns) is not None
+
 
 @pytest.fixture
 def line() -> Line:
@@ -280,6 +285,87 @@ def test_an_axis_seen_where_nothing_leads_is_not_moved_again(line: Line) -> None
     for index in (0x11, 0x13, 0x14, 0x15, 0x16):
         assert line.refuses(index, 0x00011000)
     assert not line.refuses(0x18)
+
+
+def test_what_may_have_moved_an_axis_is_not_sent_again(line: Line) -> None:
+    """All that was sent since it was last seen where it should be, whatever it is by its name."""
+    line.say(0x0F, 2)
+    line.at(500)
+    line.say(0x02, 1)
+    line.say(0x1C, 5)
+    line.at(3000)
+    assert not line.would_refuse(0x02, 0), "it may have been noise"
+    line.at(3100)
+    assert "after 1Ch, where other commands lead to +0..+0" in line.travel_guard.runaway
+    assert line.travel_guard.broken == "MACS-CMD-1C-01"
+    assert line.would_refuse(0x02, 0)
+    assert line.would_refuse(0x1C, 0)
+    assert not line.would_refuse(0x0F, 0)
+    assert not line.would_refuse(0x18)
+    assert not line.would_refuse(0x26)
+
+
+def test_what_should_move_the_counter_is_named_first(line: Line) -> None:
+    """Before the parameters that were written after it."""
+    line.say(0x0B)
+    line.say(0x0F, 2)
+    line.at(3000)
+    line.at(3100)
+    assert line.travel_guard.broken == "MACS-CMD-0B-01"
+
+
+def test_an_axis_that_ran_away_tells_what_moves_it_further(line: Line) -> None:
+    """Each command that is followed by another place."""
+    line.at(500)
+    line.say(0x13, 900)
+    line.at(3000)
+    line.at(3100)
+    line.say(0x0F, 2)
+    line.at(3100)
+    assert not line.would_refuse(0x0F, 3), "it stood"
+    line.say(0x0D, 0x1000)
+    line.at(3200)
+    assert line.would_refuse(0x0D, 0x1000)
+    assert not line.would_refuse(0x02)
+
+
+def test_an_axis_whose_counter_stands_still_is_not_moved_again(line: Line) -> None:
+    """Three motions that must have shown, one after the other; a short one shows nothing."""
+    for target in (600, 400, 600, 400):
+        line.say(0x13, target)
+        line.say(0x18)
+        line.at(500)
+    assert not line.travel_guard.runaway
+    for target in (700, 300, 700):
+        assert not line.would_refuse(0x13, target)
+        line.say(0x13, target)
+        line.now_ns += SECOND
+        line.say(0x18)
+        line.at(500)
+    assert line.travel_guard.runaway.startswith("3 motions in a row have not changed its counter")
+    assert line.would_refuse(0x13, 600)
+
+
+def test_what_others_are_told_an_axis_need_not_show(line: Line) -> None:
+    """Its counter stands while its neighbour moves."""
+    line.at(0, address=1)
+    for number in range(5):
+        line.say(0x13, 100 * (number % 2 + 1), address=1)
+        line.now_ns += SECOND
+        line.at(100 * (number % 2 + 1), address=1)
+        line.at(500)
+    assert not line.travel_guard.runaway
+
+
+def test_a_stop_may_bar_a_motion_or_two(line: Line) -> None:
+    """What goes the other way shows that the counter counts."""
+    for place in (500, 499, 500):
+        for _ in range(2):
+            line.say(0x15, 0x1000)
+            line.now_ns += SECOND // 3
+            line.at(place)
+            line.say(0x18)
+    assert not line.travel_guard.runaway
 
 
 def test_an_axis_that_creeps_the_other_way_is_seen_to(line: Line) -> None:

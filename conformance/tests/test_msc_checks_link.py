@@ -516,6 +516,7 @@ LIES: dict[str, tuple[str, Make, str]] = {
 # What had been seen of the unit before.
 HELD: dict[str, dict[str, str]] = {
     "what is refused at T1 by a pause is served": {"packet_timeout_mode": "total"},
+    "signs are lost while it talks": {"rx_while_busy": "buffer"},
 }
 
 
@@ -525,6 +526,13 @@ def test_what_is_wrong_is_seen(what: str, monkeypatch: pytest.MonkeyPatch) -> No
     name, make, requirement = LIES[what]
     findings = judge(name, make(monkeypatch), readings=dict(HELD.get(what, {})))
     assert requirement in failed(findings), troubles(findings)
+
+
+def test_a_unit_of_which_nothing_is_known_may_lose_signs_while_it_talks() -> None:
+    """One that is known to keep what comes then may not; see above."""
+    name = "a_sign_that_comes_while_it_talks_counts_when_it_ends"
+    findings = judge(name, TwinPort(rx_while_busy="drop"))
+    assert not failed(findings), troubles(findings)
 
 
 def test_every_check_has_a_unit_that_fails_it() -> None:

@@ -80,7 +80,7 @@ def test_a_unit_that_waits_for_the_rest_of_a_packet_is_there(count: int) -> None
     session.target.wait(0.5)
     assert FAMILY.identify(session).values == {"status": "65"}
     assert port.data == {}
-    assert session.target.now_ns < 10e9
+    assert session.target.now_ns < 12e9
 
 
 @pytest.mark.parametrize("late_s", [0.6, 1.5, 2.5, 4.0])
@@ -201,6 +201,23 @@ def test_what_cannot_be_put_back_is_told() -> None:
     port.served = lambda one: b"" if one.name in codec.WRITES else served(one)
     told = FAMILY.restore(session, run.memory)
     assert told == ("the value at 1396 is 7, was 0", "flag 131 is on, was off")
+
+
+def test_a_flag_that_is_refused_alone_is_put_back_as_it_is_told_among_all() -> None:
+    """The unit is not lost by that, and is accused of it: no reading has a flag among all only."""
+    port = TwinPort()
+    session = session_of(port)
+    run = session.run
+    run.memory = FAMILY.remember(session)
+    writing = Session(run, check_of("stored"))
+    assert FAMILY.forbid(writing, codec.packet(1, codec.sflag(131))) is None
+    MscDriver(writing).command(codec.sflag(131))
+    served = port.served
+    port.served = lambda one: None if one.name == "RFLAG" else served(one)
+    assert FAMILY.restore(session, run.memory) == ()
+    assert port.flags == set()
+    wanted = "ACK and the state of flag 131, as among all"
+    assert ("MSC-LNK-01", wanted, "NAK") in run.violations
 
 
 def test_a_run_does_not_write_to_what_a_program_uses() -> None:

@@ -33,6 +33,7 @@ TWINS = QuirkTwins(
         "packet_timeout_ms": ("400", "2501"),
         "ack_timeout_ms": ("299", "1700"),
         "reply_delay_ms": ("0", "37"),
+        "timeout_before_unit": ("nak",),  # silence is what a unit on four wires of RS-485 has too
     },
     always="&program=bench",
 )
@@ -55,7 +56,8 @@ TOGETHER: list[dict[str, str]] = [
     {"stx_while_waiting": "ignore", "ack_timeout_action": "wait", "junk_while_waiting": "as_nak"},
     {"noise_in_idle": "nak", "rx_while_busy": "drop"},
     {"packet_timeout_mode": "after_header", "packet_timeout_ms": "2000"},
-    {"packet_timeout_mode": "interbyte", "timeout_before_unit": "silent"},
+    {"rs232_unit_check": "nak", "timeout_before_unit": "silent"},
+    {"packet_timeout_mode": "interbyte", "timeout_before_unit": "nak"},
     {"data_address_stride": "2", "data_misaligned": "round_down"},
     {"data_address_stride": "2", "data_out_of_range": "wrap", "block_overrun": "wrap"},
     {"data_out_of_range": "zero", "block_overrun": "partial"},
@@ -180,11 +182,12 @@ def test_a_time_limit_as_long_as_a_packet_tells_nothing_of_overlength() -> None:
     assert "overlength" not in result.readings
 
 
-def test_a_time_limit_that_runs_out_while_a_late_repeat_is_awaited_tells_nothing() -> None:
-    """A unit takes a second to speak, and T1 is 260 ms: it has broken the packet off meanwhile."""
-    _, result = TWINS.detected("&quirk.packet_timeout_ms=260&quirk.response_delay_ms=1084")
-    assert result.readings["packet_timeout_ms"] == "260"
-    assert "stx_while_waiting" not in result.readings
+@pytest.mark.parametrize("reading", ["serve", "as_nak", "ignore"])
+def test_what_a_unit_makes_of_02h_shows_however_late_it_speaks(reading: str) -> None:
+    """It takes a second, and T1 is 260 ms: whether the reply comes again, and when, tells it."""
+    quirks = {"packet_timeout_ms": "260", "response_delay_ms": "1084"}
+    _, result = TWINS.detected(quirks_query(quirks | {"stx_while_waiting": reading}))
+    assert result.readings["stx_while_waiting"] == reading
 
 
 @pytest.mark.soak

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from axistwin_conformance.families.catalog import find_family
 from axistwin_conformance.report.json import fold
 
 RACK = Path(__file__).parents[2] / "scripts" / "rack.py"
@@ -149,4 +150,10 @@ def test_with_one_wrong_twin_all_is_told_in_forty_lines_of_eighty_columns(
     rows = {line.split()[0]: line for line in lines if "conform" in line and "  " in line[3:]}
     assert "does not conform" in rows["mac23"]
     assert all("  conforms  " in rows[place.judged] for place in places[1:])
-    assert any("parameters_that_are_no_digits_are_refused" in line for line in lines)
+    # On a busy machine not each check that sees it comes to a verdict.
+    names = [
+        check.name
+        for check in find_family("mac23").checks()
+        if not {"MACS-FRAME-03", "MACS-FRAME-04"}.isdisjoint(check.requirements)
+    ]
+    assert any(name in line for line in lines for name in names), lines

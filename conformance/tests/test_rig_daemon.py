@@ -162,6 +162,42 @@ def rig_act(capability: str) -> Any:
     return Act(AXIS_CONTROLS[capability], True)
 
 
+RACK = """
+[control]
+address = "127.0.0.1:0"
+
+[[line]]
+name = "press"
+devices = "mac23"
+pty = "./press"
+
+[[line]]
+name = "saw"
+devices = "mac34-1"
+pty = "./saw"
+"""
+
+
+@pytest.mark.strength(seconds=20)
+def test_a_rack_of_two_workers_is_judged_with_its_own_control_api(tmp_path: Path) -> None:
+    """Each module by the same URL, whichever process has it."""
+    (tmp_path / "rack.toml").write_text(RACK)
+    words = ("rack.toml", "--workers", "2", "--json")
+    with daemon(tmp_path, *words, command="rack") as process:
+        (url,) = {process.event()["control"] for _ in range(2)}
+        for model, line in (("mac23", "press"), ("mac34-1", "saw")):
+            result = CliRunner().invoke(
+                conform,
+                [
+                    *(model, "--port", str(tmp_path / line), "--rig", f"{url}/{model}:0@{line}"),
+                    *("--allow", "motion,stored,rig", "--max-travel", "2000"),
+                    "a_hardware_stop_ends_motion_of_its_sign",
+                ],
+            )
+            assert result.exit_code == 0, result.output
+            assert "1 pass" in result.output or "conforms" in result.output
+
+
 @pytest.mark.strength(seconds=40)
 def test_a_daemon_is_judged_with_its_own_control_api(rack: Rack) -> None:
     """Stops, reset and a power cut in a move: with verdicts, and nothing for want of a rig."""

@@ -185,6 +185,15 @@ def test_another_reading_is_named_and_not_failed(
     assert result.exit_status == 0
 
 
+@pytest.mark.parametrize("stops", ["9", "1"])
+def test_modes_that_come_up_as_they_were_set_are_lost_all_the_same(stops: str) -> None:
+    """A factory value may be the very one that the check has set."""
+    quirks = with_quirks("mac23", "persist_modes=volatile", f"factory_stops={stops}")
+    said, result = judge("mac23", quirks, "modes_outlive_the_supply_or_all_do_not", **GRANTED)
+    assert [text for _, _, text, _ in said if text.startswith("persist_modes=volatile")]
+    assert result.exit_status == 0
+
+
 @pytest.mark.parametrize(
     "quirks",
     [

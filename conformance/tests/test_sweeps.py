@@ -16,7 +16,7 @@ import serial
 from quirk_twins import quirks_query
 from sweeping import real_runs, wrong_device
 from sweeping.faults import PARTS, Fault, When, draw_fault
-from sweeping.formats import FORMATS
+from sweeping.formats import FORMATS, MacSerialFormat
 from sweeping.journal import Journal, run_all
 from sweeping.readings import FIXED, drawn, go_together, misread, pooled, singles, unread
 from sweeping.runs import LONGEST_S, Row, Setting
@@ -49,14 +49,28 @@ UNKNOWN = [
     Fault("effect", "refused", FORMATS["mac23"].commands),
     Fault("effect", "none, no reply", FORMATS["mac23"].commands, When(first=5)),
 ]
-# What escaped: a byte behind the replies to one command; what is wrong in some attempts only; and a
-# module that restarts by itself, which was lost before anything was judged.
+# What escaped: a byte behind the replies to one command; what is wrong in some attempts only; a
+# module that restarts by itself, which was lost before anything was judged; a temperature that is
+# told wrongly once it was judged; and a move that begins again, though it was stopped.
 ONCE_ESCAPED = [
-    ("full", Fault("reply", "longer", ("1E",), amount=1)),
-    ("full", Fault("reply", "longer", ("23",), amount=1)),
-    ("full", Fault("effect", "late", ("09",), When(every=7), amount=30_000_000)),
-    ("quick", Fault("state", "lost", FORMATS["mac23"].commands, When(first=50, every=40))),
+    ("mac23", "full", Fault("reply", "longer", ("1E",), amount=1)),
+    ("mac23", "full", Fault("reply", "longer", ("23",), amount=1)),
+    ("mac23", "full", Fault("effect", "late", ("09",), When(every=7), amount=30_000_000)),
+    ("mac23", "quick", Fault("state", "lost", FORMATS["mac23"].commands, When(first=50, every=40))),
+    ("mac23-can", "quick", Fault("value of an answer", "twice", ("u07",), When(first=200), size=1)),
+    ("mac23-can", "full", Fault("effect", "twice", ("d14",), amount=30_000_000)),
 ]
+# What led out again and again: whatever was sent to stop it, or to put things back, moved it; or
+# its counter did not show that it moved.
+LED_OUT = [
+    ("mac23", "Plant.position_at", "caught"),
+    ("mac23", Fault("value that is understood", "its negative", MacSerialFormat.commands,
+                    size=4, above=0x10000), "strayed"),
+    ("mac23-can", Fault("effect", "that of d15", ("d02",), When(every=7)), "strayed"),
+    ("mac23-can", Fault("reply", "that of the one before"), "caught"),
+    ("mac23", Fault("value of an answer", "all ones", MacSerialFormat.queries, at=2, size=2),
+     "caught"),
+]  # fmt: skip
 TICKS = 6148  # a variable of the bench program, one more in every scan
 EXAMPLES = [
     ("mac23", MAC, "15", "00000320"), ("mac23-can", SDO, "d16", "03E81000"),
@@ -409,12 +423,56 @@ def test_a_device_that_is_always_wrong_is_no_noisy_line(model: str, fault: Fault
 
 
 @pytest.mark.strength(seconds=15)
-@pytest.mark.parametrize(("level", "fault"), ONCE_ESCAPED, ids=str)
-def test_what_once_escaped_on_a_plain_port_is_caught(level: str, fault: Fault) -> None:
-    """On a line that nobody knows to lose nothing."""
-    setting = Setting("mac23", "a plain port", level, 300, is_exitfirst=True)
+@pytest.mark.parametrize(("model", "level", "fault"), ONCE_ESCAPED, ids=str)
+def test_what_once_escaped_on_a_plain_port_is_caught(model: str, level: str, fault: Fault) -> None:
+    """On a line, or a bus, that nobody knows to lose nothing."""
+    setting = Setting(model, "a plain port", level, 300, is_exitfirst=True)
     row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
     assert row["outcome"] == "caught", row
+
+
+@pytest.mark.strength(seconds=15)
+@pytest.mark.parametrize(("model", "fault", "outcome"), LED_OUT, ids=str)
+def test_an_axis_that_got_outside_is_held(model: str, fault: Fault | str, outcome: str) -> None:
+    """It strays by one motion at most, and nothing moves it once that was seen."""
+    if isinstance(fault, str):
+        names = [f"{owner.__qualname__}.{name}" for owner, name, _ in functions(model)]
+        fault = Fault("inside", "twice", when=When(every=7), at=names.index(fault))
+    setting = Setting(model, "a plain port", "quick", 300)
+    row = FaultSweep(setting, seed=20261128).judge_fault(fault, setting)
+    assert row["outcome"] == outcome, row
+
+
+@pytest.mark.parametrize(
+    ("places", "is_held"),
+    [
+        ((0, 30_000, 40_000, 40_000, 40_000), True),
+        ((0, 30_000, 40_000, 40_000, 40_000, 20_500), True),
+        ((0, 30_000, 40_000, 50_000, 60_000), False),
+        ((0, 30_000, 40_000, 40_000, 40_000, 41_000), False),
+    ],
+    ids=["stands", "goes home", "goes on", "goes on later"],
+)
+def test_a_shaft_is_held_once_a_host_could_know_where_it_is(
+    places: tuple[int, ...], is_held: bool
+) -> None:
+    """Two answers are enough; from then on it is to come to rest and stay."""
+    tally = Tally()
+    for place in places:
+        tally.follow(1, place, is_asked=True)
+    assert tally.is_held is is_held
+    row: Row = {"hang": "", "errors": [], "status": 1, "evidence": ["told"], "failed": []}
+    outcome = FaultSweep._outcome(row, tally)[0]
+    assert outcome == ("strayed" if is_held else "outside")
+
+
+def test_a_shaft_that_nobody_looked_at_is_not_held() -> None:
+    """Also beside one that is."""
+    tally = Tally()
+    for place in (0, 30_000, 30_000, 30_000):
+        tally.follow(1, place, is_asked=True)
+        tally.follow(2, place, is_asked=False)
+    assert not tally.is_held
 
 
 def test_who_says_nothing_any_more_is_silent() -> None:

@@ -22,5 +22,9 @@ def test_300_devices_answer_beside_50_driven_ones_and_a_flood() -> None:
     load = re.findall(r"load: 50 devices, (\d+) exchanges/s; garbage (\d+) bytes/s", ran.stdout)
     assert all(int(number) > 0 for number in load[0])
     assert "200 quiet devices asked under load: all have answered" in ran.stdout
-    assert len(re.findall(r"^  .*\d\.\d\d$", ran.stdout, re.MULTILINE)) == 5
+    table, _, workers = ran.stdout.partition("  workers: ")
+    assert len(re.findall(r"^  .*\d\.\d\d$", table, re.MULTILINE)) == 5
+    rates = re.findall(r"^  (?:one process|two workers) +(\d+) requests/s", workers, re.MULTILINE)
+    assert len(rates) == 2
+    assert all(int(rate) > 0 for rate in rates)
     assert ran.stderr == ""

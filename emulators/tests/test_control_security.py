@@ -406,7 +406,7 @@ def test_more_watchers_than_there_is_room_for_are_sent_away(
 ) -> None:
     """They may come again."""
     assert eventually(lambda: api.server.counts.watchers == 0)
-    monkeypatch.setattr("axistwin.control.api.WATCHERS_MAX", 1)
+    monkeypatch.setattr("axistwin.control.watching.WATCHERS_MAX", 1)
     url = api.server.url.replace("http", "ws") + "/api/v1/events"
     with connect(url, open_timeout=TIMEOUT_S, proxy=None) as first:
         first.recv(TIMEOUT_S)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-import trustme
+from control_tls_files import Files
 from daemon_process import Daemon, assert_one_clear_line, daemon, invoke
 from served_control import TIMEOUT_S
 from websockets.exceptions import InvalidStatus
@@ -21,27 +21,6 @@ from axistwin.control.tls import client_context, server_context
 from axistwin.runtime.serving.rack import Rack
 
 pytestmark = pytest.mark.system
-
-
-class Files:
-    """A CA, and a certificate of it for this machine, with its key."""
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(exist_ok=True)
-        authority = trustme.CA()
-        issued = authority.issue_cert("127.0.0.1", "localhost")
-        self.authority, self.certificate, self.key, self.both = (
-            str(folder / name) for name in ("ca.pem", "certificate.pem", "key.pem", "both.pem")
-        )
-        authority.cert_pem.write_to_path(self.authority)
-        issued.cert_chain_pems[0].write_to_path(self.certificate)
-        issued.private_key_pem.write_to_path(self.key)
-        issued.private_key_and_cert_chain_pem.write_to_path(self.both)
-
-    @property
-    def options(self) -> tuple[str, ...]:
-        """Of a daemon."""
-        return "--control-certificate", self.certificate, "--control-key", self.key
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 import serial
-from daemon_process import TIMEOUT_S, Daemon, daemon, invoke
+from daemon_process import TIMEOUT_S, daemon, invoke
+from rack_process import answers, line_of, ready, reload, serve
 from rich.console import Console
 from served import eventually
 
@@ -26,44 +27,15 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "run-a-rack.md").read_text(encoding="utf-8")
 
 
-def line_of(name: str, devices: str = "mac23", **more: object) -> str:
-    """A [[line]] with a pty called as itself."""
-    keys = {"name": name, "devices": devices, "pty": f"./{name}", **more}
-    return "[[line]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in keys.items())
+BOTH = pytest.mark.parametrize("workers", [1, 2])
+"""Nobody can tell how many there are."""
 
 
-def serve(folder: Path, text: str) -> Any:
-    """A rack of ``text``, with events."""
-    (folder / "rack.toml").write_text(text)
-    return daemon(folder, "rack.toml", "--json", command="rack")
-
-
-def ready(rack: Daemon, count: int) -> dict[str, dict[str, Any]]:
-    """The ready events of so many devices."""
-    events = [rack.event() for _ in range(count)]
-    assert [event["event"] for event in events] == ["ready"] * count, events
-    return {event["device"]: event for event in events}
-
-
-def answers(link: Path, model: str = "mac23") -> bool:
-    """Whether a ``model`` says where it is, when asked there."""
-    return invoke("send", str(link), "--model", model, "position?").exit_code == 0
-
-
-def reload(rack: Daemon, folder: Path, text: str) -> dict[str, Any]:
-    """Replace the file and say so; what is reported at the end of it."""
-    (folder / "rack.toml").write_text(text)
-    rack.process.send_signal(signal.SIGHUP)
-    while True:
-        event = rack.event()
-        if event["event"].startswith("reload"):
-            return event
-
-
-def test_every_kind_of_line_is_served_by_one_process(tmp_path: Path) -> None:
+@BOTH
+def test_every_kind_of_line_is_served_by_one_process(tmp_path: Path, workers: int) -> None:
     """Devices are named with their lines; what is stored is in a folder for each; all ends."""
     text = (ROOT / "fixtures" / "racks" / "every-kind.toml").read_text()
-    with serve(tmp_path, text) as rack:
+    with serve(tmp_path, text, workers) as rack:
         events = ready(rack, 8)
         assert list(events) == [
             *("mac23:0@rs485", "mac34-1:5@rs485", "mac34-2:6@rs485"),
@@ -100,10 +72,13 @@ def test_people_are_told_ready_lines_as_run_tells_them(tmp_path: Path) -> None:
     assert err.splitlines() == ["axistwin: memory ends with this run; 'state' in the file keeps it"]
 
 
-def test_a_line_that_cannot_be_opened_is_told_and_the_others_go_on(tmp_path: Path) -> None:
+@BOTH
+def test_a_line_that_cannot_be_opened_is_told_and_the_others_go_on(
+    tmp_path: Path, workers: int
+) -> None:
     """The exit status tells it too; what stood in the way is left alone."""
     (tmp_path / "saw").write_text("precious")
-    with serve(tmp_path, line_of("press") + line_of("saw")) as rack:
+    with serve(tmp_path, line_of("press") + line_of("saw"), workers) as rack:
         failed = rack.event()
         assert (failed["event"], failed["line"]) == ("line_failed", "saw")
         assert failed["devices"] == ["mac23:0@saw"]
@@ -125,11 +100,12 @@ def test_when_no_line_can_be_opened_the_rack_ends(tmp_path: Path) -> None:
     assert json.loads(out)["event"] == "line_failed"
 
 
-def test_on_sighup_what_did_not_change_goes_on(tmp_path: Path) -> None:
+@BOTH
+def test_on_sighup_what_did_not_change_goes_on(tmp_path: Path, workers: int) -> None:
     """A client of it notices nothing; the others come, go, and are as the file has them now."""
     before = line_of("same") + line_of("gone") + line_of("changed")
     after = line_of("changed", "mac34-1") + line_of("new") + line_of("same")
-    with serve(tmp_path, before) as rack:
+    with serve(tmp_path, before, workers) as rack:
         ready(rack, 3)
         terminal = (tmp_path / "same").readlink()
         with serial.Serial(str(tmp_path / "same"), timeout=TIMEOUT_S):
@@ -150,25 +126,29 @@ def test_on_sighup_what_did_not_change_goes_on(tmp_path: Path) -> None:
         assert rack.end()[0] == 0
 
 
-def test_who_watches_a_line_that_changes_sees_it_come_back(tmp_path: Path) -> None:
+@BOTH
+def test_who_watches_a_line_that_changes_sees_it_come_back(tmp_path: Path, workers: int) -> None:
     """``axistwin watch`` begins again with it; when the device is gone for good, that is told."""
-    control = '[control]\naddress = "127.0.0.1:0"\n'
-    with serve(tmp_path, control + line_of("press")) as rack:
-        events = ControlClient(ready(rack, 1)["mac23:0@press"]["control"]).watch("mac23:0@press")
+    control = '[control]\naddress = "127.0.0.1:0"\n' + line_of("lathe")
+    with serve(tmp_path, control + line_of("press"), workers) as rack:
+        events = ControlClient(ready(rack, 2)["mac23:0@press"]["control"]).watch("mac23:0@press")
         assert next(events)["event"] == "snapshot"
         reload(rack, tmp_path, control + line_of("press", seed=5))
         assert "line_removed" in [event.get("kind") for event in until(events, "snapshot")]
         reload(rack, tmp_path, control + line_of("other"))
-        with pytest.raises(UsageError, match="no device 'mac23:0@press': known: mac23:0@other"):
+        with pytest.raises(
+            UsageError, match="no device 'mac23:0@press': known: mac23:0@lathe, mac23:0@other"
+        ):
             until(events, "snapshot")
         assert rack.end()[0] == 0
 
 
-def test_who_watches_all_sees_the_lines_that_a_reload_adds(tmp_path: Path) -> None:
+@BOTH
+def test_who_watches_all_sees_the_lines_that_a_reload_adds(tmp_path: Path, workers: int) -> None:
     """With those that were there; who watches one device is not disturbed."""
-    control = '[control]\naddress = "127.0.0.1:0"\n'
-    with serve(tmp_path, control + line_of("press")) as rack:
-        client = ControlClient(ready(rack, 1)["mac23:0@press"]["control"])
+    control = '[control]\naddress = "127.0.0.1:0"\n' + line_of("lathe")
+    with serve(tmp_path, control + line_of("press"), workers) as rack:
+        client = ControlClient(ready(rack, 2)["mac23:0@press"]["control"])
         everything, alone = client.watch(), client.watch("mac23:0@press")
         screen = OverviewScreen(
             client.get("devices")["devices"], lambda name: client.get("devices", name)
@@ -176,18 +156,19 @@ def test_who_watches_all_sees_the_lines_that_a_reload_adds(tmp_path: Path) -> No
         for events in (everything, alone):
             assert next(events)["event"] == "snapshot"
         reload(rack, tmp_path, control + line_of("press") + line_of("saw"))
-        told = [event for _ in range(2) for event in until(everything, "snapshot")]
-        shown = [event["device"] for event in told if event["event"] == "snapshot"]
-        assert shown == ["mac23:0@press", "mac23:0@saw"]
+        told = until(everything, "line")
+        told += [event for _ in range(3) for event in until(everything, "snapshot")]
+        shown = [event["device"] for event in told if event["event"] == "snapshot"][-3:]
+        assert sorted(shown) == ["mac23:0@lathe", "mac23:0@press", "mac23:0@saw"]
         assert "line_added" in [event.get("kind") for event in told]
         assert [event.get("kind") for event in until(alone, "line")] == ["line_added"]
         for event in told:
             screen.receive(event)
-        assert all(name in text_of(screen, 2) for name in shown)
+        assert all(name in text_of(screen, 3) for name in shown)
         reload(rack, tmp_path, control + line_of("saw"))
         for event in until(everything, "snapshot"):
             screen.receive(event)
-        assert "mac23:0@press" not in text_of(screen, 1)
+        assert "mac23:0@press" not in text_of(screen, 2)
         assert rack.end()[0] == 0
 
 
@@ -227,11 +208,12 @@ def test_a_mistake_in_the_file_changes_nothing(tmp_path: Path) -> None:
     assert "reload_failed" in out
 
 
-def test_memory_outlives_a_line_that_goes_and_comes(tmp_path: Path) -> None:
+@BOTH
+def test_memory_outlives_a_line_that_goes_and_comes(tmp_path: Path, workers: int) -> None:
     """With a state folder; a device that is added again is where it was left."""
     folder = 'state = "memory"\n'
     press, saw = line_of("press"), line_of("saw")
-    with serve(tmp_path, folder + press + saw) as rack:
+    with serve(tmp_path, folder + press + saw, workers) as rack:
         ready(rack, 2)
         assert reload(rack, tmp_path, folder + saw)["removed"] == ["press"]
         assert (tmp_path / "memory" / "press" / "mac23-0.state").is_file()

@@ -1,4 +1,3 @@
-import importlib.util
 import os
 import signal
 import subprocess
@@ -7,9 +6,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import ModuleType
 
 import pytest
+from scripts import vm, vm_cache
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = ROOT / "scripts" / "vm.py"
@@ -20,20 +19,6 @@ pytestmark = [
         "AXISTWIN_VM" in os.environ, reason="inside the virtual machine there is no other one"
     ),
 ]
-
-
-def load_program() -> ModuleType:
-    """scripts/vm.py as a module."""
-    spec = importlib.util.spec_from_file_location("axistwin_vm_script", PROGRAM)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-vm = load_program()
 
 
 @pytest.fixture(scope="module")
@@ -435,7 +420,7 @@ os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 
 def test_memory_that_no_folder_can_hold_is_refused() -> None:
     """The folders looked at and the option to ask for less are named."""
-    with pytest.raises(vm.VmError, match=r"MB of memory .*/dev/shm has .*--memory"):
+    with pytest.raises(vm_cache.VmError, match=r"MB of memory .*/dev/shm has .*--memory"):
         vm.memory_folder(1 << 40)
 
 
@@ -487,7 +472,7 @@ def test_inside_there_is_no_second_machine() -> None:
 )
 def test_the_cache_is_where_caches_are(environment: dict[str, str], folder: str) -> None:
     """XDG_CACHE_HOME, else HOME, else a folder of this user."""
-    assert vm.cache_folder(environment) == Path(folder)
+    assert vm_cache.cache_folder(environment) == Path(folder)
 
 
 def test_of_many_callers_one_fills_the_cache(tmp_path: Path) -> None:
@@ -503,7 +488,7 @@ def test_of_many_callers_one_fills_the_cache(tmp_path: Path) -> None:
         (made / "file").touch()
 
     def call() -> None:
-        found.append((vm.prepared(tmp_path / "cache", "one", build) / "file").exists())
+        found.append((vm_cache.prepared(tmp_path / "cache", "one", build) / "file").exists())
 
     callers = [threading.Thread(target=call) for _ in range(4)]
     callers[0].start()
@@ -525,7 +510,7 @@ def test_modules_are_loaded_after_what_they_need(tmp_path: Path) -> None:
         file = tmp_path / f"{name}.ko"
         file.write_bytes(b"ELF\0license=GPL\0depends=" + needs.encode() + b"\0name=x\0")
         files[name.replace("-", "_")] = file
-    order = vm.module_order(["slcan", "can-raw", "can", "overlay"], files)
+    order = vm_cache.module_order(["slcan", "can-raw", "can", "overlay"], files)
     assert [file.stem for file in order] == ["can", "can-dev", "slcan", "can-raw"]
 
 

@@ -31,10 +31,12 @@ MEANT: Final = {
 
 
 class Format(ABC):
-    """The messages of one family.  `commands` have an effect, `queries` an answer."""
+    """The messages of one family.  `commands` have an effect, `queries` an answer; that to `place`
+    tells where the axis is."""
 
     commands: tuple[str, ...]
     queries: tuple[str, ...]
+    place = ""
 
     @abstractmethod
     def kind(self, message: bytes) -> str:
@@ -80,6 +82,7 @@ class MacSerialFormat(Format):
 
     commands = (*MAC_COMMANDS, "08", "1B", "01")
     queries = tuple(f"{index:02X}" for index in range(0x20, 0x2A))
+    place = "20"
 
     def kind(self, message: bytes) -> str:
         """The index."""
@@ -128,6 +131,7 @@ class MacCanFormat(Format):
 
     commands = tuple(f"d{index}" for index in MAC_COMMANDS if index not in ("08", "1B"))
     queries = tuple(f"u{index:02X}" for index in range(8))
+    place = "u00"
 
     def is_reply(self, message: bytes) -> bool:
         """Boot-ups and heartbeats come unasked."""

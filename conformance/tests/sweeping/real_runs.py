@@ -57,7 +57,7 @@ def _serve(model: str, link: Path, notes: Path, tally: Tally) -> None:
         is_crash = isinstance(error, Exception) or getattr(error, "code", 0) == EXIT_BUG
         tally.crash = tally.crash or (repr(error) if is_crash else "")
     finally:
-        seen = {name: value for name, value in dataclasses.asdict(tally).items() if name != "first"}
+        seen = dataclasses.asdict(tally)
         notes.write_text(json.dumps(seen), "utf-8")
         os._exit(0)
 

@@ -157,7 +157,8 @@ class FaultSweep(Sweep):
         "hang": "took too long", "outside": "left the envelope", "error": "error in the suite",
         "refused": "exit 3, though it answers", "escaped": "conforms, it was said",
         "named": "taken for other readings", "inconclusive": "nothing failed, something open",
-        "caught": "exit 1", "silent": "exit 3, says nothing, or nothing any more",
+        "caught": "exit 1", "strayed": "exit 1; one motion led out, was ended, and was the last",
+        "silent": "exit 3, says nothing, or nothing any more",
         "unseen": "never showed",
         "no device": "the twin fell over the fault",
     }  # fmt: skip
@@ -198,12 +199,13 @@ class FaultSweep(Sweep):
             return "no device", crash or row["errors"][0]
         if row["hang"]:
             return "hang", row["hang"]
-        if tally.furthest > TRAVEL:
+        if tally.furthest > TRAVEL and not tally.is_held:
             return "outside", f"{tally.furthest} increments"
         if row["errors"]:
             return "error", row["errors"][0]
         if row["status"] == 1:
-            return "caught", "; ".join(row["evidence"] or row["failed"])
+            outcome = "strayed" if tally.furthest > TRAVEL else "caught"
+            return outcome, "; ".join(row["evidence"] or row["failed"])
         if not tally.hits:
             return "unseen", ""
         if row["status"] == 3:

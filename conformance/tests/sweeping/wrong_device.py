@@ -24,6 +24,7 @@ from axistwin.runtime.device_network import DeviceNetwork
 from axistwin.wire.can_frame import CanFrame
 from sweeping.faults import CHANGES, Fault
 from sweeping.formats import FORMATS, Format
+from sweeping.runs import TRAVEL
 
 UNENDING = "never comes to an end"
 GHOST_NS = 60_000_000  # so long a device answers whose effects are forgotten
@@ -31,12 +32,19 @@ BYTE_NS = 1_000_000
 # Of processor time, for one chunk or wake-up: a twin whose fault makes it turn on the spot is no
 # device.
 LIMIT_S = 5.0
+ENOUGH_LOOKS = 2  # one reading may be noise
+SWING = 100  # increments: an axis may swing, or be slow to stop, by fewer
 
 
 @dataclass
 class Tally:
     """What has happened: how often the fault could hit, and did; how many replies were said, and
-    how many requests have come since; how far a shaft went."""
+    how many requests have come since; how far a shaft went.
+
+    `asked_outside`: how often a host has asked for the place of a shaft that was outside the
+    envelope.  Two answers are enough to know it: `stood` is how far out such a shaft then came to
+    rest, and `went_on` whether it went on from there.
+    """
 
     asked: int = 0
     hits: int = 0
@@ -45,6 +53,10 @@ class Tally:
     furthest: int = 0
     crash: str = ""
     first: dict[int, int] = field(default_factory=dict)
+    last: dict[int, int] = field(default_factory=dict)
+    asked_outside: dict[int, int] = field(default_factory=dict)
+    stood: dict[int, int] = field(default_factory=dict)
+    went_on: bool = False
 
     def within(self, call: Callable[..., Any], *given: Any) -> Any:
         """What a device gives within `LIMIT_S`; raises what it falls over, and what it has."""
@@ -66,13 +78,29 @@ class Tally:
         """The twin is no more; the first reason counts."""
         self.crash = self.crash or reason
 
-    def look(self, device: Any, now: int) -> None:
-        """Follow a shaft, if the device has one."""
+    def look(self, device: Any, now: int, *, is_asked: bool = False) -> None:
+        """Follow a shaft, if the device has one.  `is_asked`: a host has just asked where it is."""
         axis = getattr(device, "axis", None)
         if axis is not None:
-            place = axis.drive.plant.position_at(now)
-            begun = self.first.setdefault(id(device), place)
-            self.furthest = max(self.furthest, abs(place - begun))
+            self.follow(id(device), axis.drive.plant.position_at(now), is_asked=is_asked)
+
+    def follow(self, device: int, place: int, *, is_asked: bool) -> None:
+        """That shaft is at that place."""
+        far = abs(place - self.first.setdefault(device, place))
+        self.furthest = max(self.furthest, far)
+        known = self.asked_outside.get(device, 0)
+        if known >= ENOUGH_LOOKS and self.last.get(device) == place:
+            self.stood.setdefault(device, far)
+        self.went_on |= far > self.stood.get(device, far) + SWING
+        if far > TRAVEL:
+            self.asked_outside[device] = known + is_asked
+        self.last[device] = place
+
+    @property
+    def is_held(self) -> bool:
+        """Whether every shaft that got outside was brought to rest once a host could know it, and
+        stayed where it was then."""
+        return not self.went_on and 0 < len(self.asked_outside) == len(self.stood)
 
 
 class WrongDevice:
@@ -201,7 +229,9 @@ class WrongDevice:
             found += self._obey(kind, data, now, tell)
         else:
             found += self._out(tell(data, now), now)
-        self._tally.look(self._inner, self._own(now))
+        self._tally.look(
+            self._inner, self._own(now), is_asked=bool(kind) and kind == self._form.place
+        )
         return found
 
     def quiet_prefix(self, data: bytes) -> int:

@@ -16,6 +16,7 @@ from axistwin.motion.trajectory import Piece
 from zoo.mutant import Any_, MonkeyPatch, answers, cells, everywhere, mutant, on, target_of, wrap
 
 LOCK_NS = 10_000_000_000
+AGAIN_NS = 30_000_000
 
 
 def _signed(number: int) -> int:
@@ -143,6 +144,26 @@ def going_to_0_goes_to_its_parameter(patch: MonkeyPatch) -> None:
         return bool(axis.execute(now, 0x13, n, now) if n else go())
 
     on(patch, 0x14, act)
+
+
+@mutant("MACS-CMD-14-01")
+def going_to_0_begins_again(patch: MonkeyPatch) -> None:
+    """14h is carried out a second time 30 ms later, though 18h has come between."""
+    sent_ns: dict[int, int] = {}
+
+    def go_to_0(go: Any_, axis: Axis, now: int, _: int) -> bool:
+        sent_ns[id(axis)] = now
+        return bool(go())
+
+    def stop(go: Any_, axis: Axis, now: int, _: int) -> bool:
+        accepted = bool(go())
+        due_ns = sent_ns.pop(id(axis), -AGAIN_NS) + AGAIN_NS
+        if now < due_ns:
+            axis.drive.go_to(now, 0, due_ns)
+        return accepted
+
+    on(patch, 0x14, go_to_0)
+    on(patch, 0x18, stop)
 
 
 @mutant("MACS-CMD-14-01")

@@ -14,7 +14,7 @@ from starlette.responses import JSONResponse, Response
 
 from axistwin.catalog import find_model
 from axistwin.control import metrics
-from axistwin.control.guard import SUBPROTOCOL, RefusedError, problem
+from axistwin.control.guard import RefusedError, problem
 from axistwin.control.models import (
     AxesInfo,
     BitInfo,
@@ -41,7 +41,7 @@ from axistwin.control.models import (
     TrafficList,
 )
 from axistwin.control.traffic import TrafficWords, select
-from axistwin.control.watching import WATCHERS_MAX, Watching
+from axistwin.control.watching import Watching, admit
 from axistwin.devices.controls import AxisReadout
 from axistwin.errors import UnknownNameError, UsageError
 from axistwin.kernel.time import NS_PER_S
@@ -279,36 +279,27 @@ class Api:
     ) -> None:
         """What happens to the devices, and what goes over lines.
 
-        ``?device=NAME`` and ``?traffic=LINE``, both repeatable; all devices without either.
+        ``?device=NAME`` and ``?traffic=LINE``, both repeatable; all devices without either.  Of all
+        lines it is told when they come, go or fail; ``?device=`` alone: only that.
         """
         try:
-            names = [await self._do(each, lambda found: found.name) for each in device or ()]
+            named = [each for each in device or () if each]
+            names = [await self._do(each, lambda found: found.name) for each in named]
             words = {each: TrafficWords(self._find_line(each)) for each in traffic or ()}
-            is_of_all = not names and not words
+            is_of_all = not device and not traffic
             if is_of_all:
                 names = await self._wait(self._rack.do_all(_name))
         except UsageError as error:
             await client.send_denial_response(JSONResponse(problem(404, str(error)), 404))
             return
-        if self._counts.watchers >= WATCHERS_MAX:
-            text = f"{WATCHERS_MAX} clients watch already; come again"
-            await client.send_denial_response(JSONResponse(problem(503, text), 503))
-            return
-        self._counts.watchers += 1
-        try:
-            offered = client.scope["subprotocols"]
-            await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
+        live, counts = self._live, self._counts
+
+        async def run() -> None:
             await Watching(
-                self._rack,
-                self._live,
-                self._counts,
-                client,
-                names,
-                words,
-                is_of_all=is_of_all,
+                self._rack, live, counts, client, names, words, is_of_all=is_of_all
             ).run()
-        finally:
-            self._counts.watchers -= 1
+
+        await admit(client, counts, run)
 
     async def metrics(self) -> Response:
         """For Prometheus."""

@@ -1,17 +1,19 @@
 """What a rack shows to Prometheus: its lines, its devices, and every control that has a number."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric
+from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.registry import Collector
 
 from axistwin.wire.wire_fault import FaultKind
 
 CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 
+_LINE_UP: Final = "axistwin_line_up"
 _METHODS: Final = ("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH")
 
 Values = dict[str, tuple[int, dict[str, Any]]]
@@ -44,7 +46,7 @@ class _RackCollector(Collector):
 
     def collect(self) -> Iterator[Metric]:
         """Everything as it is now."""
-        served = GaugeMetricFamily("axistwin_line_up", "1 while a line is served", labels=["line"])
+        served = GaugeMetricFamily(_LINE_UP, "1 while a line is served", labels=["line"])
         for line, is_failed in self._failures.items():
             served.add_metric([line], 0.0 if is_failed else 1.0)
         yield served
@@ -68,23 +70,52 @@ class _RackCollector(Collector):
                     shown.add_metric([device, name], float(value))
         yield times
         yield shown
-        yield from self._collect_use()
+        yield from _collect_use(self._counts)
 
-    def _collect_use(self) -> Iterator[Metric]:
-        requests = CounterMetricFamily(
-            "axistwin_api_requests", "requests answered", labels=["method", "status"]
-        )
-        for (method, status), number in self._counts.requests.items():
-            requests.add_metric([method, status], number)
-        yield requests
-        yield GaugeMetricFamily(
-            "axistwin_api_watchers", "clients that watch", value=self._counts.watchers
-        )
-        yield CounterMetricFamily(
-            "axistwin_api_watchers_dropped",
-            "clients that watched and read too slowly",
-            value=self._counts.dropped,
-        )
+
+class _FrontCollector(Collector):
+    """Of ``pages`` of workers, by their numbers, all but how their API is used.
+
+    What is told of a process has the number of the worker for a label.
+    """
+
+    def __init__(self, pages: Mapping[int, str], ended: Sequence[str], counts: Counts) -> None:
+        self._pages, self._ended, self._counts = pages, ended, counts
+
+    def collect(self) -> Iterator[Metric]:
+        """All, with this process, and 0 for the lines of workers that have ended."""
+        own = ProcessCollector(registry=None).collect()
+        families = {each.name: each for each in own}
+        for number, page in self._pages.items():
+            for told in text_string_to_metric_families(page):
+                if told.name.startswith("axistwin_api_"):
+                    continue
+                family = families.setdefault(
+                    told.name, Metric(told.name, told.documentation, told.type)
+                )
+                is_of_process = told.name.startswith("process_")
+                more = {"worker": str(number)} if is_of_process else {}
+                for sample in told.samples:
+                    family.add_sample(sample.name, {**sample.labels, **more}, sample.value)
+        for line in self._ended:
+            families[_LINE_UP].add_sample(_LINE_UP, {"line": line}, 0.0)
+        yield from families.values()
+        yield from _collect_use(self._counts)
+
+
+def _collect_use(counts: Counts) -> Iterator[Metric]:
+    requests = CounterMetricFamily(
+        "axistwin_api_requests", "requests answered", labels=["method", "status"]
+    )
+    for (method, status), number in counts.requests.items():
+        requests.add_metric([method, status], number)
+    yield requests
+    yield GaugeMetricFamily("axistwin_api_watchers", "clients that watch", value=counts.watchers)
+    yield CounterMetricFamily(
+        "axistwin_api_watchers_dropped",
+        "clients that watched and read too slowly",
+        value=counts.dropped,
+    )
 
 
 def render(values: Values, failures: dict[str, bool], acted: Acted, counts: Counts) -> bytes:
@@ -92,4 +123,11 @@ def render(values: Values, failures: dict[str, bool], acted: Acted, counts: Coun
     registry = CollectorRegistry()
     ProcessCollector(registry=registry)
     registry.register(_RackCollector(values, failures, acted, counts))
+    return bytes(generate_latest(registry))
+
+
+def render_all(pages: Mapping[int, str], ended: Sequence[str], counts: Counts) -> bytes:
+    """The page of a front: those of its workers in one; ``ended``: lines that none serves."""
+    registry = CollectorRegistry()
+    registry.register(_FrontCollector(pages, ended, counts))
     return bytes(generate_latest(registry))

@@ -1,8 +1,10 @@
-"""The control server of a rack: where it may listen, and its life."""
+"""The control server of a rack, or of its front: where it may listen, and its life."""
 
 import ssl
 
 from axistwin.control.application import make_application
+from axistwin.control.front.application import make_front
+from axistwin.control.front.workforce import Workforce
 from axistwin.control.listener import HttpListener
 from axistwin.control.metrics import Counts
 from axistwin.control.token import TOKEN_VARIABLE
@@ -13,14 +15,18 @@ from axistwin.runtime.serving.rack import Rack
 
 
 class ControlServer:
-    """Serves the control API of ``rack`` at ``address`` (HOST:PORT), to who has ``token``;
+    """Serves the control API of ``served`` at ``address`` (HOST:PORT), to who has ``token``;
     with ``tls``: over TLS.
 
     Raises UsageError for an address of which others than this machine are asked for no token.
     """
 
     def __init__(
-        self, rack: Rack, address: str, token: str | None, tls: ssl.SSLContext | None = None
+        self,
+        served: Rack | Workforce,
+        address: str,
+        token: str | None,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
         self._listener = HttpListener(address, tls)
         host = self._listener.host
@@ -29,9 +35,12 @@ class ControlServer:
                 f"control {address}: whoever reaches this address could drive the twins; give a "
                 f"token by --control-token-file or {TOKEN_VARIABLE}, or listen at 127.0.0.1"
             )
-        self.live = Live(rack)
         self.counts = Counts()
-        self._application = make_application(rack, self.live, self.counts, host, token)
+        if isinstance(served, Rack):
+            self.live = Live(served)
+            self._application = make_application(served, self.live, self.counts, host, token)
+        else:
+            self._application = make_front(served, self.counts, host, token)
 
     @property
     def url(self) -> str:

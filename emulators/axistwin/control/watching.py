@@ -17,13 +17,15 @@ Rules
 import asyncio
 import contextlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Final
 
+from starlette.responses import JSONResponse
 from starlette.websockets import WebSocket
 
 from axistwin.control.client import LET_GO
+from axistwin.control.guard import SUBPROTOCOL, problem
 from axistwin.control.metrics import Counts
 from axistwin.control.traffic import TrafficWords
 from axistwin.runtime.serving.live import LineTold, Live, RackEvent
@@ -42,6 +44,21 @@ NOT_EXPECTED: Final = 1003
 def as_text(event: RackEvent) -> str:
     """``event`` as it goes over the WebSocket."""
     return json.dumps({"event": event.event, **asdict(event)})
+
+
+async def admit(client: WebSocket, counts: Counts, run: Callable[[], Awaitable[None]]) -> None:
+    """Take ``client`` in, and ``run`` what tells it; refuse it if too many watch already."""
+    if counts.watchers >= WATCHERS_MAX:
+        text = f"{WATCHERS_MAX} clients watch already; come again"
+        await client.send_denial_response(JSONResponse(problem(503, text), 503))
+        return
+    counts.watchers += 1
+    try:
+        offered = client.scope["subprotocols"]
+        await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else None)
+        await run()
+    finally:
+        counts.watchers -= 1
 
 
 class Watching:

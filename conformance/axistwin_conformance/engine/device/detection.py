@@ -10,7 +10,8 @@ Rules.
 4. A second probe of a switch is asked only if the first left something open, and narrows it.
 5. A probe without a result is followed by a sanity exchange: a device that is gone ends the phase
    at once, whatever else would still be asked.
-6. A reply that no reading admits is given to the device guard, which judges it; then the next
+6. Once an axis was seen where nothing leads that it was asked for, only what is passive is asked.
+7. A reply that no reading admits is given to the device guard, which judges it; then the next
    probe is asked.
 """
 
@@ -40,6 +41,9 @@ def detect(run: Run, probes: Iterable[Probe], device_guard: DeviceGuard) -> None
     for probe in probes:
         before = run.detections.get(probe.switch)
         if before is not None and before.reading is not None:
+            continue
+        if run.runaway and probe.check.danger > 0:
+            leave_out(run, probe, run.runaway)
             continue
         run.emit(QuestionAsked(probe.switch))
         try:

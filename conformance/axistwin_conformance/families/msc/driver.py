@@ -7,7 +7,7 @@ answer they ask for.  What is written is put back by the family after each check
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from axistwin_conformance.base.retry import RETRY
@@ -18,6 +18,8 @@ from axistwin_conformance.families.msc.client import MscClient, MscExchange
 from axistwin_conformance.families.msc.codec import RQSTAT, Packet
 from axistwin_conformance.families.msc.link import MscLink, Names
 from axistwin_conformance.families.msc.scratch import SAFE_BLOCK, ScratchPlaces
+
+POLL_S: Final = 0.02
 
 Readings = Mapping[str, str | tuple[str, ...]]
 
@@ -119,6 +121,18 @@ class MscDriver:
     def status(self) -> int:
         """The macroprogram's status word."""
         return self.query(codec.RQSTAT).numbers[0]
+
+    def until(self, is_so: Callable[[], bool], within_s: float) -> bool:
+        """Ask until it is so; False if it is not when that is asked after so long: an answer may
+        tell what was so when it was asked, however late it comes."""
+        deadline_ns = self.target.now_ns + round(within_s * 1e9)
+        while True:
+            asked_ns = self.target.now_ns
+            if is_so():
+                return True
+            if asked_ns >= deadline_ns:
+                return False
+            self.target.wait(POLL_S)
 
     def in_time(self, since_ns: int, limit_s: float, what: str) -> None:
         """Give the attempt up if so long has passed since then: what is seen then tells nothing."""

@@ -33,6 +33,8 @@ SHOUTING: Final = (
     ("noise_in_idle", "nak"),
     ("other_unit_framing", "hunt_stx"),
 )
+DRAWN: Final = "drawn"  # by what the host has sent
+DUE: Final = "due"  # by T2
 WAITS_AT_MOST: Final = 1.5  # times the time-out of a unit until it counts as not coming
 
 Names = str | tuple[str, ...]
@@ -52,6 +54,18 @@ class ReplyWindow:
         """The window in words, counted from that instant."""
         first, last = ((instant - origin_ns) / MS for instant in (self.earliest_ns, self.latest_ns))
         return f"after {first:.1f} to {last:.1f} ms"
+
+
+@dataclass(frozen=True, slots=True)
+class Again:
+    """A reply that came again amid the wait for its sign, if any did; what came before it or
+    instead of it; what may have been the cause: `DRAWN` by what was sent, `DUE` by T2; and whether
+    the unit, saying nothing, has given the reply up at T2."""
+
+    packet: Packet | None
+    strays: bytes
+    causes: tuple[str, ...]
+    is_over: bool = False
 
 
 class MscLink:
@@ -97,6 +111,53 @@ class MscLink:
         """The same while the unit waits for the host's sign: T2 must not run out meanwhile."""
         return min(self.glance_s, self._client.ack_timeout_s / 2)
 
+    @property
+    def is_slow(self) -> bool:
+        """True if T2 may be over before what a byte draws is there: the unit takes as long to
+        answer as it waits."""
+        return self.glance_s > self._client.ack_timeout_s / 2
+
+    def measure_if_slow(self) -> None:
+        """Measure what `drawn_again` needs, before the exchange that it looks at."""
+        if self.is_slow:
+            self._measure_latency()
+
+    def drawn_again(self, over_ns: int) -> Again:
+        """What comes of bytes that were sent instead of a sign to a reply that was over then.
+
+        Of a slow unit T2 may be over afterwards; see `measure_if_slow`.
+        """
+        action = self.session.run.readings.get("ack_timeout_action")
+        if not self.is_slow or action != "retransmit":
+            limit_s = self.glance_amid_wait_s if action in (None, "retransmit") else self.glance_s
+            packet, strays = self._client.receive_packet(limit_s)
+            is_over = action == "abandon" and self._is_t2_over(over_ns)
+            return Again(packet, strays, (DRAWN,) if packet is not None else (), is_over)
+        # Either is there by then, and when it has begun tells which of them it is.
+        drawn_ns = self.target.now_ns + self.byte_ns + self.latency_ns
+        due_ns = over_ns + self._t2_ns
+        until_ns = max(drawn_ns, due_ns) + round(self.glance_s * 1e9)
+        packet, strays = self._client.receive_packet((until_ns - self.target.now_ns) / 1e9)
+        if packet is None:
+            return Again(None, strays, (), is_over=True)
+        begun_ns = self.target.now_ns - len(packet.raw) * self.byte_ns
+        if not self._is_about(begun_ns, due_ns):
+            return Again(packet, strays, (DRAWN,))
+        is_either = self._is_about(drawn_ns, due_ns)
+        return Again(packet, strays, (DRAWN, DUE) if is_either else (DUE,))
+
+    def _is_about(self, instant_ns: int, other_ns: int) -> bool:
+        """True for two instants that cannot be told apart."""
+        rounding_ns = ROUNDING_NS if self.target.is_virtual else COARSE_NS
+        return abs(instant_ns - other_ns) <= 2 * self.byte_ns + self.spare_ns + rounding_ns
+
+    @property
+    def _t2_ns(self) -> int:
+        return round(self._client.ack_timeout_s * 1e9)
+
+    def _is_t2_over(self, over_ns: int) -> bool:
+        return self.target.now_ns - over_ns + self.spare_ns >= self._t2_ns
+
     @cached_property
     def latency_ns(self) -> int:
         """From the last byte of a good packet to the first bit of its ACK.
@@ -119,6 +180,20 @@ class MscLink:
     def is_busy_hearing(self) -> bool:
         """True if the unit can hear while it talks: two wires of RS-485 carry one way at a time."""
         return not self.is_rs485
+
+    def drawn_by_both(self, first: bytes, second: bytes) -> bytes:
+        """All that comes of two packets without a pause between: the second is served when the sign
+        to the first has left."""
+        self.target.drain()
+        self.target.send(first + second)
+        own_s = len(first + second) * self.byte_ns / 1e9
+        return self._client.listen(own_s + self.glance_s + self.target.line_s)
+
+    def is_surely_rs232(self) -> bool:
+        """True for a unit that shows it: it hears while it talks, as on four wires of RS-485, and
+        takes or refuses what is for other numbers, as nobody does there (MSC-LNK-19)."""
+        is_checked = self.session.reading("rs232_unit_check") == "silent"
+        return not is_checked and self.hears_while_it_talks()
 
     def must_hear_while_it_talks(self) -> None:
         """Skip if what is said at once spoils a sound exchange."""
@@ -155,6 +230,13 @@ class MscLink:
     def limit(self) -> int:
         """How many repeats this device sends (MSC-AMB-01)."""
         return LIMITS[self.session.reading("retransmit_limit")]
+
+    @property
+    def is_refused_in_chorus(self) -> bool:
+        """True if the neighbours refuse as well what names no unit: NAKs of several at once garble
+        each other."""
+        is_nak = self.session.reading("invalid_unit") == "nak"
+        return is_nak and bool(self.session.neighbours)
 
     def calm(self, *switches: str) -> None:
         """Go on only if one unit's NAK, or junk, leaves the other units of the line quiet.

@@ -95,19 +95,25 @@ def look_s(driver: MscDriver) -> float:
     return min(glance_s(driver), driver.client.ack_timeout_s / 2)
 
 
-def repeat_at_once(driver: MscDriver) -> bool:
-    """True if the unit now sends more than a sign on its own, before T2 could make it do so."""
-    again, strays = driver.client.receive_packet(look_s(driver))
+def repeat_at_once(driver: MscDriver, limit_s: float | None = None) -> bool:
+    """True if the unit now sends more than a sign on its own, before T2 could make it do so, or
+    within the limit."""
+    again, strays = driver.client.receive_packet(look_s(driver) if limit_s is None else limit_s)
     if strays:  # of several units that talk at once nothing can be read
         driver.client.listen(glance_s(driver))
     return again is not None or bool(strays.strip(ACK + NAK))
 
 
+def repeat_to_nak(driver: MscDriver) -> bool:
+    """Send NAK; whether that draws anything, however long this unit takes to answer."""
+    driver.client.send(NAK)
+    return repeat_at_once(driver, glance_s(driver))
+
+
 def refusals(driver: MscDriver) -> int:
     """How many packets NAKs draw, one after another, until one draws none; then it is idle."""
     for count in range(MOST_REFUSED):
-        driver.client.send(NAK)
-        if not repeat_at_once(driver):
+        if not repeat_to_nak(driver):
             return count
     driver.client.send(ACK)
     return MOST_REFUSED
@@ -117,8 +123,7 @@ def down_to_the_last(driver: MscDriver) -> int:
     """Ask, and refuse the reply until it will be repeated but once; when the last one was over."""
     _, over_ns = unanswered(driver)
     for _ in range(LIMITS[driver.session.reading("retransmit_limit")] - 1):
-        driver.client.send(NAK)
-        driver.session.step(repeat_at_once(driver), "the reply again", "nothing")
+        driver.session.step(repeat_to_nak(driver), "the reply again", "nothing")
         over_ns = driver.target.now_ns
     return over_ns
 

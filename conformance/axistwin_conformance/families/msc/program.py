@@ -10,7 +10,6 @@ from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import Names
 from axistwin_conformance.families.msc.scratch import PROGRAM_BLOCK, scratch_of
 
-POLL_S: Final = 0.02
 REACTION_S: Final = 1.0  # within which the bench program does what its flags ask for
 
 
@@ -54,13 +53,8 @@ class BenchProgram:
             self.session.skip(f"the bench program does not run: nothing counts at {self.address}+4")
 
     def until(self, is_so: Callable[[], bool], within_s: float = REACTION_S) -> bool:
-        """Ask until it is so; False if it is not within so long."""
-        deadline_ns = self.driver.target.now_ns + round(within_s * 1e9)
-        while not is_so():
-            if self.driver.target.now_ns >= deadline_ns:
-                return False
-            self.driver.target.wait(POLL_S)
-        return True
+        """See `MscDriver.until`."""
+        return self.driver.until(is_so, within_s)
 
     def taken(self, flag: int, names: Names) -> None:
         """Judge that the program finds a flag on, which it then clears."""

@@ -7,7 +7,7 @@ reading (§5.2).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from axistwin_conformance.core.session import Session
@@ -164,6 +164,18 @@ class ScratchPlaces:
                 " addresses that no program uses (--variables), or have them written too"
                 " (--allow stored)",
             )
+
+
+def first_outside(is_outside: Callable[[int], bool], low: int, high: int, stride: int) -> int:
+    """Where a data area ends, to a variable: the lowest address outside, between one that is not,
+    from which variables lie at that stride, and one that is."""
+    while high - low > stride:
+        middle = low + max(1, (high - low) // (2 * stride)) * stride
+        if is_outside(middle):
+            high = middle
+        else:
+            low = middle
+    return low + stride
 
 
 def _up(number: int, step: int) -> int:

@@ -41,7 +41,9 @@ from axistwin_conformance.transport.transport import is_twin_url
 OTHER_QUESTIONS: Final = (codec.rflag(0), codec.dread(0), codec.RQSTAT)
 ZEROS: Final = bytes(codec.MAX_PACKET)
 MOST_TOLD: Final = 20  # of what a unit held, in a line
-LAST_LOOK_S: Final = 1.0  # for what comes late
+# For what comes late.  Who is about to answer is sent no zeros, of which each may draw a NAK, after
+# as long again (MSC-AMB-30).
+FIRST_LOOK_S: Final = 2.0
 FACE_BYTES: Final = 16
 UNBROKEN: Final = "ACK and a packet without gaps between its bytes"
 VALUE_ADDRESSES: Final = 4  # what one value takes up in the widest reading
@@ -76,13 +78,18 @@ def identify(session: Session) -> Identity:
     session.is_strict = True  # the attempts are counted here
     since_ns = session.target.now_ns
     exchange = driver.ask(codec.RQSTAT)
-    late = _late(driver) if exchange.is_silence else b""
+    late = driver.client.listen(FIRST_LOOK_S) if exchange.is_silence else b""
+    # Then it has heard a whole packet, and waits for the rest of none.
+    is_taken = ACK in (exchange.raw, late[:1])
+    if exchange.is_silence and not late:
+        late = _late(driver)
     is_silent = exchange.is_silence and not late
     if not is_silent and not _is_answered(exchange, codec.RQSTAT):
         if late.strip(NAK) or exchange.raw == ACK:  # NAK: it had heard of somebody's packet
-            _learn_delay(driver, since_ns, exchange)
+            _learn_delay(driver, since_ns, exchange, is_taken=is_taken)
         driver.client.wait_until_quiet(after=exchange)
-        _end_packet(driver)
+        if not is_taken:
+            _end_packet(driver)
         exchange = _insisted(driver, codec.RQSTAT)
     if is_silent or (exchange.reply is None and not sanity(session)):
         rates = session.run.family.rates
@@ -106,26 +113,26 @@ def _status_in_words(status: int) -> str:
 
 
 def _late(driver: MscDriver) -> bytes:
-    """What comes of other questions, or late, where the first one drew nothing; empty: nobody is
-    there."""
+    """What comes of other questions where the first one drew nothing; empty: nobody is there."""
     for body in OTHER_QUESTIONS:
         received = _end_packet(driver) or driver.ask(body).raw
         if received:
             return received
-    return driver.client.listen(LAST_LOOK_S)
+    return b""
 
 
-def _learn_delay(driver: MscDriver, since_ns: int, first: MscExchange) -> None:
-    """See `learn_delay`."""
+def _learn_delay(driver: MscDriver, since_ns: int, first: MscExchange, *, is_taken: bool) -> None:
+    """See `learn_delay`.  `is_taken`: it has heard all of the first packet."""
 
     def is_answered() -> bool:
         return _is_answered(driver.ask(codec.RQSTAT), codec.RQSTAT)
 
     def wait_until_quiet(_: float) -> None:
         driver.client.wait_until_quiet(after=first)
-        _end_packet(driver)
+        if not is_taken:
+            _end_packet(driver)
 
-    if first.raw == ACK:  # then its reply takes long, which nothing has waited for yet
+    if is_taken:  # then its reply takes long, which nothing has waited for yet
         driver.client.wait_until_quiet()
     learn_delay(driver.session, since_ns, is_answered, wait_until_quiet)
 
@@ -442,6 +449,21 @@ def _flag(driver: MscDriver, number: int) -> bool | None:
     return bool(reply.numbers[0])
 
 
+def _state(driver: MscDriver, number: int) -> bool:
+    """The state of a flag that was told before.  Who tells it among all, and refuses it alone, has
+    no reading of the manual for that."""
+    told = _flag(driver, number)
+    if told is not None:
+        return told
+    all_told = _read(driver, codec.RFLAGS) if driver.has_rflags else None
+    if all_told is None:
+        return driver.flag(number)
+    if driver.unit == driver.session.address:
+        wanted = f"ACK and the state of flag {number}, as among all"
+        driver.session.run.violations.append(("MSC-LNK-01", wanted, "NAK"))
+    return number in codec.flags_on(all_told.payload)
+
+
 def restore(session: Session, memory: MscSnapshot) -> tuple[str, ...]:
     """Write back what has been written and differs; return a sentence for each that still does."""
     touched = frozenset(memory.touched)
@@ -483,7 +505,7 @@ def _write_back(driver: MscDriver, memory: MscSnapshot, held: UnitContents) -> l
                 driver.ask(codec.dwrite(at, held.values[at]))
         for number in flags:
             was = held.flags[number]
-            if driver.flag(number) != was and not (was and number in memory.only_off):
+            if _state(driver, number) != was and not (was and number in memory.only_off):
                 is_now, before = ("off", "on") if was else ("on", "off")
                 differs.append(f"flag {number} is {is_now}, was {before}")
                 driver.ask((codec.sflag if was else codec.cflag)(number))

@@ -20,9 +20,17 @@ _EXAMPLE = Path(__file__).with_name("example.toml")
 @click.argument("file", metavar="FILE.toml")
 @click.option("--check", "is_check", is_flag=True, help="Only say what is wrong in FILE.")
 @click.option("--init", "is_init", is_flag=True, help="Write an example to FILE, with comments.")
+@click.option(
+    "--workers",
+    metavar="N",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Serve the lines by so many processes, where the rack outgrows a core.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Events on stdout, one JSON object per line.")
-def rack(file: str, is_check: bool, is_init: bool, as_json: bool) -> int:
-    """Run the lines and buses of a file in one process.
+def rack(file: str, is_check: bool, is_init: bool, workers: int, as_json: bool) -> int:
+    """Run the lines and buses of a file in one process, or several behind one.
 
     When clients can connect, one line per device says so, as of 'axistwin run'.  A line that
     fails is reported, and the others go on.  Paths in the file begin in the working directory.
@@ -31,11 +39,13 @@ def rack(file: str, is_check: bool, is_init: bool, as_json: bool) -> int:
     axistwin rack --init bench.toml
     axistwin rack --check bench.toml
     axistwin rack bench.toml
+    axistwin rack --workers 2 bench.toml
     """
     if is_init:
         return _write_example(file)
     try:
         from axistwin.cli.rack.file import RackFileError
+        from axistwin.cli.rack.front import check_front, perform_front
         from axistwin.cli.rack.running import check, perform_rack
         from axistwin.cli.run.reporter import Reporter
     except ImportError as error:
@@ -45,8 +55,13 @@ def rack(file: str, is_check: bool, is_init: bool, as_json: bool) -> int:
         ) from None
     try:
         if is_check:
-            check(file)
+            if workers > 1:
+                check_front(file, workers)
+            else:
+                check(file)
             return 0
+        if workers > 1:
+            return perform_front(file, Reporter(as_json), workers)
         return perform_rack(file, Reporter(as_json))
     except RackFileError as error:
         for problem in error.problems:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import resource
 import signal
+from collections.abc import Collection
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from axistwin.cli.output import EXIT_USAGE
 from axistwin.cli.rack.file import (
@@ -29,6 +30,7 @@ from axistwin.runtime.serving.rack import Rack
 from axistwin.runtime.simulation import Simulation
 
 if TYPE_CHECKING:
+    from axistwin.control.front.workforce import Workforce
     from axistwin.control.server import ControlServer
 
 
@@ -38,7 +40,7 @@ def check(path: str) -> RackText:
     All is built once, without ports, files and memory.  Raises RackFileError.
     """
     text = RackText(path)
-    text.refuse(_problems_of_building(text.content, {}))
+    text.refuse(_problems_of_building(text.content, ()))
     return text
 
 
@@ -48,7 +50,7 @@ def perform_rack(path: str, reporter: Reporter) -> int:
     Raises RackFileError; and PortError and StateError, if no line can be served.
     """
     content = check(path).content
-    _raise_limit_of_files()
+    raise_limit_of_files()
     with contextlib.closing(reporter):
         with contextlib.closing(HostedLines(reporter)) as lines, contextlib.ExitStack() as beside:
             runner = RackRunner(path, lines)
@@ -58,7 +60,7 @@ def perform_rack(path: str, reporter: Reporter) -> int:
             runner.start(content)
             control = None
             if content.control is not None:
-                control = _make_control(lines.rack, content.control)
+                control = make_control(lines.rack, content.control)
                 beside.callback(control.close)
                 control.open()
             if content.state is None:
@@ -70,6 +72,52 @@ def perform_rack(path: str, reporter: Reporter) -> int:
             lines.serve(control, on_ready)
         reporter.stopped()
     return EXIT_USAGE if reporter.has_lost else 0
+
+
+class Reloaded(NamedTuple):
+    """The lines that were removed and added, by name, and those that went on."""
+
+    removed: list[str]
+    added: list[str]
+    unchanged: list[str]
+
+
+def unchanged(content: RackFile, before: RackFile, served: Collection[str]) -> list[str]:
+    """The lines of ``content`` that go on: those ``served`` that are as they were ``before``."""
+    return [
+        name
+        for name, section in content.sections.items()
+        if name in served and section == before.sections.get(name) and content.state == before.state
+    ]
+
+
+def read_again(
+    path: str, reporter: Reporter, before: RackFile, served: Collection[str]
+) -> RackFile | None:
+    """What the file has now; None, and it is reported, if that is a mistake."""
+    try:
+        text = RackText(path)
+        content = text.content
+        text.refuse(_problems_of_building(content, unchanged(content, before, served)))
+    except UsageError as error:
+        problems = error.problems if isinstance(error, RackFileError) else [str(error)]
+        for problem in problems:
+            reporter.warn(problem)
+        reporter.warn(f"{path}: not reloaded, everything goes on as it was")
+        reporter.event({"event": "reload_failed", "file": path, "problems": problems})
+        return None
+    if content.control != before.control:
+        reporter.warn(f"{path}: [control] has changed, which takes a new start")
+    return content
+
+
+def report_reload(path: str, reporter: Reporter, reloaded: Reloaded) -> None:
+    """Tell that it is done."""
+    reporter.warn(
+        f"{path}: reloaded; removed: {', '.join(reloaded.removed) or 'none'}; "
+        f"added: {', '.join(reloaded.added) or 'none'}; unchanged: {len(reloaded.unchanged)}"
+    )
+    reporter.event({"event": "reloaded", **reloaded._asdict()})
 
 
 class RackRunner:
@@ -93,8 +141,12 @@ class RackRunner:
                 self._report_failure(section, error)
         if not self._lines.rack.lines:
             raise failures[0]
+        self.warn_of_surprises()
+
+    def warn_of_surprises(self) -> None:
+        """Say what the user may not expect of the lines, which are open."""
         for name in self._lines.rack.lines:
-            run = make_run(content.sections[name], None)
+            run = make_run(self._content.sections[name], None)
             self._lines.warn_of_surprises(run, name)
 
     def begin(self, control_url: str | None) -> None:
@@ -105,42 +157,27 @@ class RackRunner:
 
     def reload(self) -> None:
         """Serve what the file has now.  What did not change goes on; a mistake changes nothing."""
-        reporter, rack = self._lines.reporter, self._lines.rack
-        served = {name for name, server in rack.lines.items() if server.failure is None}
-        try:
-            text = RackText(self._path)
-            content, before = text.content, self._content
-            same = {
-                name: section
-                for name, section in content.sections.items()
-                if name in served
-                and section == before.sections.get(name)
-                and content.state == before.state
-            }
-            text.refuse(_problems_of_building(content, same))
-        except UsageError as error:
-            problems = error.problems if isinstance(error, RackFileError) else [str(error)]
-            for problem in problems:
-                reporter.warn(problem)
-            reporter.warn(f"{self._path}: not reloaded, everything goes on as it was")
-            reporter.event({"event": "reload_failed", "file": self._path, "problems": problems})
-            return
-        if content.control != before.control:
-            reporter.warn(f"{self._path}: [control] has changed, which takes a new start")
+        reporter = self._lines.reporter
+        content = read_again(self._path, reporter, self._content, self._served)
+        if content is not None:
+            report_reload(self._path, reporter, self.serve(content))
+
+    def serve(self, content: RackFile) -> Reloaded:
+        """Serve ``content``, which has no mistakes; what did not change goes on."""
+        same = unchanged(content, self._content, self._served)
         self._content = content
-        removed = [name for name in rack.lines if name not in same]
+        removed = [name for name in self._lines.rack.lines if name not in same]
         for name in removed:
             self._remove(name)
         added = [name for name in content.sections if name not in same]
         for name in added:
             self._add(content.sections[name])
-        reporter.warn(
-            f"{self._path}: reloaded; removed: {', '.join(removed) or 'none'}; "
-            f"added: {', '.join(added) or 'none'}; unchanged: {len(same)}"
-        )
-        reporter.event(
-            {"event": "reloaded", "removed": removed, "added": added, "unchanged": list(same)}
-        )
+        return Reloaded(removed, added, same)
+
+    @property
+    def _served(self) -> Collection[str]:
+        lines = self._lines.rack.lines
+        return [name for name, server in lines.items() if server.failure is None]
 
     def _open(self, section: Section) -> None:
         """Build it and claim its ports.  Raises AxistwinError; nothing is left then."""
@@ -177,21 +214,19 @@ class RackRunner:
     def _report_failure(self, section: Section, error: AxistwinError) -> None:
         reporter = self._lines.reporter
         reporter.has_lost = True
-        devices = [f"{spec}@{section.name}" for spec in section.specs]
-        reporter.event(
-            {
-                "event": "line_failed",
-                "line": section.name,
-                "devices": devices,
-                "error": str(error),
-            }
-        )
+        reporter.event(failure_of(section, str(error)))
 
 
-def _make_control(rack: Rack, control: ControlSection) -> ControlServer:
+def failure_of(section: Section, error: str) -> dict[str, object]:
+    """The event that it is not served because of ``error``."""
+    devices = [f"{spec}@{section.name}" for spec in section.specs]
+    return {"event": "line_failed", "line": section.name, "devices": devices, "error": error}
+
+
+def make_control(served: Rack | Workforce, control: ControlSection) -> ControlServer:
     """What the table asks for, not open yet.  Raises UsageError."""
     return make_control_server(
-        rack, control.address, control.token_file, control.certificate, control.key
+        served, control.address, control.token_file, control.certificate, control.key
     )
 
 
@@ -262,7 +297,7 @@ def _set_each(section: Section, simulation: Simulation[Any]) -> Problems:
                 yield ("initial", device, name), str(error)
 
 
-def _problems_of_building(content: RackFile, same: dict[str, Section]) -> Problems:
+def _problems_of_building(content: RackFile, same: Collection[str]) -> Problems:
     """What shows only when it is built: all but the ``same``."""
     with contextlib.closing(HostedLines(Reporter(as_json=False))) as lines:
         for place, section in content.placed():
@@ -280,7 +315,7 @@ def _problems_of_building(content: RackFile, same: dict[str, Section]) -> Proble
     if content.control is not None:
         with contextlib.closing(Rack()) as rack:
             try:
-                _make_control(rack, content.control)
+                make_control(rack, content.control)
             except UsageError as error:
                 yield ("control",), str(error)
 
@@ -292,7 +327,7 @@ def _place_in(place: KeyPath, section: Section, message: str) -> KeyPath:
     return (*place, key) if key.replace("-", "_") in fields else place
 
 
-def _raise_limit_of_files() -> None:
+def raise_limit_of_files() -> None:
     """Several descriptors are open for each line: allow as many as may be."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -55,13 +55,13 @@ _TOLD: Mapping[str, Callable[[Mapping[str, object]], str]] = {
 class Reporter:
     """Events on stdout: ready lines for people, or everything as JSON for programs.
 
-    From any thread, and without waiting.
+    From any thread, and without waiting.  descriptor: where, if not on stdout.
     """
 
-    def __init__(self, as_json: bool) -> None:
+    def __init__(self, as_json: bool, descriptor: int = 1) -> None:
         self._as_json = as_json
         self._lock = threading.Lock()
-        self._stdout = Outlet(1, ROOM_BYTES, self._lose_stdout)
+        self._stdout = Outlet(descriptor, ROOM_BYTES, self._lose_stdout)
         self._stderr = Outlet(2, ROOM_BYTES, lambda error: None)
         self._dropped = 0
         self.has_lost = False
@@ -82,19 +82,21 @@ class Reporter:
     ) -> None:
         """One event per device of a line, by its name: clients can connect.
 
-        control: the URL of the control API.
+        A reader who is behind is waited for, unless one has been in vain.  control: the URL of the
+        control API.
         """
         for index, device in enumerate(devices):
-            own = [port for port in ports if getattr(port, "device_index", index) == index]
+            own = [port for port in ports if getattr(port, "device_index", None) in (None, index)]
             endpoints = [{"endpoint": port.kind, "url": port.url} for port in own]
             if self._as_json:
                 event = {"device": device, **endpoints[0], "endpoints": endpoints}
                 more = {} if control is None else {"control": control}
-                self.event({"event": "ready", **event, **more})
+                self.event({"event": "ready", **event, **more}, self._patience_s())
             else:
                 where = " ".join(f"{port.kind}={port.describe()}" for port in own)
                 where += "" if control is None else f" control={control}"
-                self._stdout.put(_encoded(f"ready {device} {where}\n", sys.stdout.encoding))
+                text = _encoded(f"ready {device} {where}\n", sys.stdout.encoding)
+                self._dropped += not self._stdout.put(text, self._patience_s())
 
     def event(self, event: Mapping[str, object], patience_s: float = 0.0) -> None:
         """Tell one event; people are only told when clients can connect, and what goes wrong.
@@ -104,14 +106,8 @@ class Reporter:
         in_words = _TOLD.get(str(event["event"]))
         if in_words is not None:
             self.warn(f"{event.get('url') or event['line']}: {in_words(event)}")
-        if not self._as_json:
-            return
-        with self._lock:
-            if self._dropped:
-                loss = {"event": "events_dropped", "count": self._dropped}
-                self._dropped *= not self._put(loss, patience_s)
-            if self._dropped or not self._put(event, patience_s):
-                self._dropped += 1
+        if self._as_json:
+            self._tell(event, patience_s)
 
     def close(self) -> None:
         """Tell what is left, as far as somebody reads it."""
@@ -121,6 +117,17 @@ class Reporter:
     def stopped(self) -> None:
         """The run ends."""
         self.event({"event": "stopped"}, _FAREWELL_S)
+
+    def _patience_s(self) -> float:
+        return 0.0 if self._dropped else _FAREWELL_S
+
+    def _tell(self, event: Mapping[str, object], patience_s: float) -> None:
+        with self._lock:
+            if self._dropped:
+                loss = {"event": "events_dropped", "count": self._dropped}
+                self._dropped *= not self._put(loss, patience_s)
+            if self._dropped or not self._put(event, patience_s):
+                self._dropped += 1
 
     def _put(self, event: Mapping[str, object], patience_s: float) -> bool:
         now = datetime.now().astimezone().isoformat(timespec="milliseconds")

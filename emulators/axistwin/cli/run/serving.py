@@ -22,6 +22,7 @@ from axistwin.runtime.simulation import Simulation
 
 if TYPE_CHECKING:
     from axistwin.catalog import DeviceSpec
+    from axistwin.control.front.workforce import Workforce
     from axistwin.control.server import ControlServer
     from axistwin.runtime.serving.base_server import BaseServer, Endpoint
     from axistwin.runtime.serving.loop import Loop, LoopShare
@@ -83,13 +84,13 @@ class Shared:
 
 
 def make_control_server(
-    rack: Rack,
+    served: Rack | Workforce,
     address: str,
     token_file: str | None,
     certificate: str | None = None,
     key: str | None = None,
 ) -> ControlServer:
-    """The control server of ``rack`` at ``address``, not open yet.  Raises UsageError."""
+    """The control server of ``served`` at ``address``, not open yet.  Raises UsageError."""
     try:
         from axistwin.control import tls
         from axistwin.control.server import ControlServer
@@ -102,7 +103,7 @@ def make_control_server(
     if key is not None and certificate is None:
         raise UsageError(f"control key {key}: it goes with a certificate; give that as well")
     context = None if certificate is None else tls.server_context(certificate, key)
-    return ControlServer(rack, address, find_token(token_file, os.environ), context)
+    return ControlServer(served, address, find_token(token_file, os.environ), context)
 
 
 class Run(ABC, Generic[SimulationT]):

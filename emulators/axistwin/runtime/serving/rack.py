@@ -14,7 +14,7 @@ Rules
 
 import contextlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from axistwin.errors import StateError, UnknownNameError, UsageError, nearest
@@ -57,6 +57,8 @@ class Rack:
         self._failure: BaseException | None = None
         self._thread: threading.Thread | None = None
         self._is_closed = False
+        self.ends_with_last = True
+        """Whether ``run`` ends when the last line has failed."""
 
     def add(self, server: ServerT, line: str = "") -> ServerT:
         """Take ``server``, which is made for this rack's loop, and its devices; it is returned.
@@ -120,16 +122,8 @@ class Rack:
         found = self.devices.get(wanted)
         if found is not None:
             return found
-        model, colon, _ = wanted.partition(":")
-        alike = [each for each in self.served if each.twin.model == model]
-        if colon:
-            alike = [each for each in alike if f"{model}:{each.twin.address}" == wanted]
-        if len(alike) == 1:
-            return alike[0]
-        remedy = nearest(wanted, self.devices)
-        if alike:
-            remedy = f"it is one of {', '.join(each.name for each in alike)}"
-        raise UnknownNameError(f"no device {wanted!r}: {remedy}")
+        served = [(each.name, each.twin.model, each.twin.address) for each in self.served]
+        return self.devices[find_name(wanted, self.devices, served)]
 
     def find_line(self, wanted: str) -> str:
         """The line called ``wanted``, or that of the device called so.  Raises UnknownNameError."""
@@ -276,13 +270,33 @@ class Rack:
 
     def _line_failed(self, line: str, error: Exception) -> None:
         devices = [each.name for each in self.on_line(line)]
-        if all(server.failure is not None for server in self.lines.values()):
+        is_last = all(server.failure is not None for server in self.lines.values())
+        if is_last and self.ends_with_last:
             self._failure = error
             self.loop.stop()
             return
         self.lines[line].report(
             {"event": "line_failed", "line": line, "devices": devices, "error": str(error)}
         )
+
+
+def find_name(wanted: str, known: Collection[str], served: Sequence[tuple[str, str, int]]) -> str:
+    """The name of the device that ``wanted`` names.  Raises UnknownNameError.
+
+    known: the names of all.  served: name, model, and present address of those that are served.
+    """
+    if wanted in known:
+        return wanted
+    model, colon, _ = wanted.partition(":")
+    alike = [
+        name
+        for name, its_model, address in served
+        if its_model == model and (not colon or f"{model}:{address}" == wanted)
+    ]
+    if len(alike) == 1:
+        return alike[0]
+    remedy = f"it is one of {', '.join(alike)}" if alike else nearest(wanted, known)
+    raise UnknownNameError(f"no device {wanted!r}: {remedy}")
 
 
 def _unique(name: str, taken: Mapping[str, object]) -> str:

@@ -1,15 +1,26 @@
-"""What may be true of one axis, for the travel guard: where its shaft is, and where it may go."""
+"""What may be true of one axis, for the travel guard: where its shaft is, where it may go, and
+whether its counter tells of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Final
 
-from axistwin_conformance.families.mac.axis.model.kinematics import RAMP_LEVELS
+from axistwin_conformance.families.mac.axis.exchanges import signed
+from axistwin_conformance.families.mac.axis.model.kinematics import (
+    RAMP_LEVELS,
+    TICKS_PER_SECOND,
+)
 
 FACTORY_PERIOD: Final = 0x0320
 SLOWEST_TICKS: Final = 0xFFFF  # an increment at the slowest speed that can be asked for
 SLOWEST_LEVEL_TICKS: Final = RAMP_LEVELS * SLOWEST_TICKS  # at the foot of the slowest ramp
+
+ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
+UNSHOWN: Final = 3  # motions in a row that the counter does not show: a stop bars one or two
+UNSEEN: Final = "motions in a row have not changed its counter: the axis is moved no more"
+SHOWN_STEPS: Final = 16  # increments that any counter has counted of a motion of more
+TICK_NS: Final = 1_000_000_000 // TICKS_PER_SECOND
 
 Interval = tuple[int, int]
 
@@ -71,6 +82,20 @@ class Axis:
         reach = (self.reach[0] + self.directions[0] * far, self.reach[1] + self.directions[1] * far)
         return replace(self, reach=reach, since_ns=now_ns)
 
+    def counter_at(self, now_ns: int) -> Interval:
+        """What the counter may be now, if nothing has cleared it since it was read."""
+        if not self.may_move:
+            return self.counter
+        speed = max(self.speed, self.segment_speed, TICKS_PER_SECOND // self.period + 1)
+        far = speed * max(0, now_ns - self.seen_ns) // 1_000_000_000 + ZERO_SLACK
+        return self.counter[0] - far, self.counter[1] + far
+
+    def level_ticks(self, index: int, parameter: int) -> int:
+        """What an increment takes at the foot of the ramp of a motion asked for."""
+        if not self.coefficient or index == 0x16:
+            return 0  # no slower than any speed that can be asked for
+        return RAMP_LEVELS * (parameter & 0xFFFF if index == 0x15 else self.period)
+
     def joined(self, other: Axis) -> Axis:
         """Either of two; nobody knows which."""
         directions = join(self.directions, other.directions)
@@ -94,3 +119,38 @@ class Axis:
             is_still=self.is_still and other.is_still,
             slowest_ticks=max(self.slowest_ticks, other.slowest_ticks),
         )
+
+
+@dataclass(slots=True)
+class Shown:
+    """Whether the counter of one axis shows its motions: one that stands still while the shaft
+    turns would let each motion begin where the last has ended.
+
+    `due_ns`: when the motion that was begun last must have shown.  `unshown`: how many in a row
+    have not.
+    """
+
+    counter: int | None = None
+    due_ns: int | None = None
+    unshown: int = 0
+
+    def heeded(self, axis: Axis, index: int, parameter: int, now_ns: int) -> None:
+        """A command was accepted by an axis of which that was known before."""
+        if self.due_ns is not None and now_ns < self.due_ns:
+            self.due_ns = None  # whatever it was: too short a motion may show nothing
+        steps = SHOWN_STEPS if index == 0x15 and parameter & 0xFFFF else 0
+        if index in (0x13, 0x14):
+            target = signed(parameter) if index == 0x13 else 0
+            steps = min(SHOWN_STEPS, abs(target - axis.counter[0]))
+        if steps > ZERO_SLACK and not axis.is_armed and not axis.may_move:
+            period = parameter & 0xFFFF if index == 0x15 else axis.period
+            self.due_ns = now_ns + steps * RAMP_LEVELS * period * TICK_NS
+
+    def seen(self, counter: int, now_ns: int) -> str:
+        """The counter was read; why the axis must be moved no more, empty: it may."""
+        if counter != self.counter:
+            self.counter, self.due_ns, self.unshown = counter, None, 0
+        elif self.due_ns is not None and now_ns > self.due_ns:
+            self.due_ns = None
+            self.unshown += 1
+        return f"{self.unshown} {UNSEEN}" if self.unshown >= UNSHOWN else ""

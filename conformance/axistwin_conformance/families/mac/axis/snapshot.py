@@ -13,7 +13,13 @@ from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, Wrong
 from axistwin_conformance.base.events import Note
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.client import hold
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.facts import (
+    facts_of,
+    implausible,
+    is_plausible,
+)
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.parameters import (
     PARAMETERS,
@@ -37,47 +43,10 @@ NAMES: Final = (  # of parameters, in the order of reports
     "tolerance",
 )
 DISJUNCTIONS: Final = 0x1F  # bits of the first byte of 21h that latch and lock (§5.9)
-PLAUSIBLE_CELSIUS: Final = (-20.0, 90.0)  # a MAC at rest; the models' scales differ by 70 degrees
 ANNOUNCED_S: Final = 3.0  # a longer way back is told before it begins
 
 
-@dataclass(frozen=True, slots=True)
-class MacFacts:
-    """What differs between the models on the wire (§5.9): temperature = gain·tt + offset, supply =
-    vv·volts_per_count, the shaft's resolution, and Imax where the manual lets it be derived."""
-
-    increments_per_turn: int
-    celsius_gain: float
-    celsius_offset: float
-    volts_per_count: float
-    imax: int | None
-
-    @property
-    def is_mac23(self) -> bool:
-        """True for the motor with 2000 increments per turn, on whichever face."""
-        return self.increments_per_turn == 2000
-
-    def celsius(self, tt: int) -> float:
-        """Read byte tt of answer 27h."""
-        return self.celsius_gain * tt + self.celsius_offset
-
-    def volts(self, vv: int) -> float:
-        """Read byte vv of answer 27h."""
-        return vv * self.volts_per_count
-
-
-def facts_of(session: Session) -> MacFacts:
-    """The facts of the model under test."""
-    facts = session.run.model.facts
-    assert isinstance(facts, MacFacts)
-    return facts
-
-
 # --- who is there --------------------------------------------------------------------------------
-
-
-def _is_plausible(celsius: float) -> bool:
-    return PLAUSIBLE_CELSIUS[0] <= celsius <= PLAUSIBLE_CELSIUS[1]
 
 
 def climate(session: Session, measures: AxisReply) -> dict[str, str]:
@@ -88,14 +57,11 @@ def climate(session: Session, measures: AxisReply) -> dict[str, str]:
     tt, vv, _, _ = measures.data_bytes()
     facts, run = facts_of(session), session.run
     celsius, volts = facts.celsius(tt), facts.volts(vv)
-    if not _is_plausible(celsius):
-        told = f"temperature byte {tt:02X}h would mean {celsius:.0f} °C"
-        if any(_is_plausible(model.facts.celsius(tt)) for model in run.family.models.values()):
-            raise WrongDevice(f"not a {run.model.name}: its {told}; try another model")
-        (requirement,) = run.ledger.own(("MACS-Q-27-01",))
-        coldest, hottest = PLAUSIBLE_CELSIUS
-        expected = f"a temperature from {coldest:.0f} to {hottest:.0f} °C"
-        session.run.violations.append((requirement, expected, told))
+    if not is_plausible(celsius):
+        violation = implausible(run, tt, celsius)
+        if any(is_plausible(model.facts.celsius(tt)) for model in run.family.models.values()):
+            raise WrongDevice(f"not a {run.model.name}: its {violation[2]}; try another model")
+        run.violations.append(violation)
     return {"temperature": f"{celsius:.1f} °C", "supply": f"{volts:.1f} V"}
 
 
@@ -124,6 +90,9 @@ def stop(session: Session) -> None:
 
 def _stop(driver: AxisDriver) -> None:
     session = driver.session
+    if session.run.runaway:
+        hold(driver.client)
+        return
     was_strict, session.is_strict = session.is_strict, True  # the attempts are counted here
     for _ in range(_attempts(session)):
         if driver.client.command(0x18).kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED):
@@ -319,16 +288,40 @@ def _put_back(driver: AxisDriver, memory: AxisSnapshot, left: tuple[int, ...]) -
         repairs = _repairs(driver, now, memory.but_for(left, now))
         if not repairs:
             break
-        replies = {driver.client.command(index, parameter).kind for index, parameter in repairs}
+        replies = {_repaired(driver, index, parameter) for index, parameter in repairs}
         is_sure = session.transport.is_lossless and replies == {ReplyKind.ACCEPTED}
         repaired = replace(memory.but_for(left, now), position=now.position)
-        now = repaired if is_sure else _read(driver)
+        now = repaired if is_sure else _read_again(driver)
     found = memory.but_for(left, now).named()
     return tuple(
         f"{name} is {value:X}h, was {found[name]:X}h"
         for name, value in now.named().items()
         if value != found[name]
     )
+
+
+def _repaired(driver: AxisDriver, index: int, parameter: int) -> ReplyKind | None:
+    """Put one parameter back; None if that may move the axis: it stays as it is.  What an axis does
+    of which that is not known any more, is looked at each time."""
+    try:
+        kind = driver.client.command(index, parameter).kind
+    except OutsideEnvelope:
+        return None
+    if driver.session.run.runaway:
+        hold(driver.client)
+    return kind
+
+
+def _read_again(driver: AxisDriver) -> AxisSnapshot:
+    """Read what has been put back; of an axis that should not have moved meanwhile."""
+    was_runaway, now = driver.session.run.runaway, _read(driver)
+    guard = driver.motion.travel_guard
+    if guard is not None and guard.is_in_doubt:
+        driver.client.ask(0x20)
+    if driver.session.run.runaway and not was_runaway:
+        hold(driver.client, is_seen_moving=True)
+        return _read(driver)
+    return now
 
 
 def _clear_fault(driver: AxisDriver) -> None:
@@ -373,9 +366,11 @@ def _drive_back(driver: AxisDriver, position: int) -> None:
     soon as nobody wants to wait for it: told as not put back.  Raises OutsideEnvelope if nothing
     may move the axis any more."""
     distance = abs(driver.client.position() - position)
+    if driver.session.run.runaway:  # no more of what may be what moves it
+        return
     driver.motion.set_plain(distance=distance)
     is_too_far = distance > 2 * driver.session.envelope.max_travel
-    if is_too_far or driver.session.run.runaway or interrupts.is_hurried():
+    if is_too_far or interrupts.is_hurried():
         return
     attempts, lasts_s = _attempts(driver.session), driver.motion.lasting_s(distance)
     if lasts_s >= ANNOUNCED_S and not driver.client.target.is_virtual:

@@ -21,7 +21,9 @@ like endless motion until its target is seen.
 What is sent rests on what the device is believed to do.  A counter reading of a place where the
 axis cannot be (`_is_runaway`) shows that it does something else; a second one in a row is no noise,
 and from then on nothing that moves is sent any more (`runaway`), so that it strays by one motion
-and not by their sum.  A shaft that the rig may have turned is taken to be where it is seen next.
+and not by their sum; nor is any of what was sent since it was last seen where it should be, since
+that moved it (`_suspects`), whatever it is by its name.  A shaft that the rig may have turned is
+taken to be where it is seen next.
 
 18h is never held back.  Any other request may be (`OutsideEnvelope`, which names what it would
 take): `foresee` asks beforehand, so that a check can be left out instead.  Judged is what a device
@@ -31,15 +33,15 @@ frames with wrong checksums.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn, Protocol
 
 from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.core.readings import Readings
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
+from axistwin_conformance.families.mac.axis.exchanges import QUERIES, ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.kinematics import (
-    RAMP_LEVELS,
     TICKS_PER_SECOND,
     ramp_increments,
 )
@@ -48,11 +50,14 @@ from axistwin_conformance.families.mac.axis.shaft import (
     FACTORY_PERIOD,
     SLOWEST_LEVEL_TICKS,
     SLOWEST_TICKS,
+    ZERO_SLACK,
     Axis,
     Interval,
+    Shown,
     join,
     shift,
 )
+from axistwin_conformance.families.mac.axis.suspects import Suspects
 
 MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
 # The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -51).
@@ -64,12 +69,11 @@ PERMANENT: Final = "permanent"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
 STOP: Final = 0x18
-PERIOD, COEFFICIENT = PARAMETERS[0x0D], PARAMETERS[0x0F]
 CUTTING: Final = frozenset({"power", "micro_cut", "supply"})  # a device may forget its place then
-ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
 SWING: Final = 100  # increments: a shaft may swing, or be pushed, by fewer
 MOTIONS: Final = frozenset({0x13, 0x14, 0x15, 0x16})
 MOVING: Final = MOTIONS | {0x11}
+NEVER_HELD_BACK: Final = {STOP, *QUERIES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +136,8 @@ class AxisTravelGuard:
         self.written: dict[int, dict[int, int]] = {}  # parameters, last value of each, by address
         self.run_on = 0  # how many increments more 18h and stops may take, while that is asked
         self._doubtful: set[int] = set()  # axes last seen where they cannot be
+        self._suspects = Suspects()
+        self._shown: defaultdict[int, Shown] = defaultdict(Shown)  # by address
         self._found_periods: dict[int, int] = {}
         self._before: dict[int, Axis] = {}
         self._after: dict[int, Axis] = {}
@@ -173,9 +179,12 @@ class AxisTravelGuard:
         requests = self.reader.foreseen(data)
         for asked in requests:
             self._account(after, asked, now_ns)
+            addresses = tuple(self.axes) if asked.address is None else (asked.address,)
             if asked.index in PARAMETERS:
-                for address in self.axes if asked.address is None else (asked.address,):
+                for address in addresses:
                     self.written.setdefault(address, {})[asked.index] = asked.parameter
+            if asked.index not in NEVER_HELD_BACK:
+                self._suspects.sent(addresses, asked.index)
         self.reader.sent(data)
         self._before, self._after = before, after
         # Until the reply comes, the frame may have been obeyed or not.
@@ -190,6 +199,8 @@ class AxisTravelGuard:
         address, index, parameter, frame = asked.address, asked.index, asked.parameter, asked.raw
         if index in MOVING and (self.runaway or self._doubtful):
             raise OutsideEnvelope(self.runaway or "an axis was last seen where it cannot be")
+        if index in self._suspects.indices:
+            raise OutsideEnvelope(f"{self.runaway}, nor sent {index:02X}h, which may have moved it")
         if index in MOTIONS and address is not None and address not in axes:
             self._refuse(
                 frame, f"nobody knows where the axis at {address:02X}h is", "--neighbour", address
@@ -204,7 +215,7 @@ class AxisTravelGuard:
                     begun_ns=now_ns,
                     begun_by=index,
                     is_still=False,
-                    slowest_ticks=max(after.slowest_ticks, _level_ticks(after, index, parameter)),
+                    slowest_ticks=max(after.slowest_ticks, after.level_ticks(index, parameter)),
                 )
             if index != STOP:
                 self._judge_reach(axes[candidate], after, now_ns, frame)
@@ -283,7 +294,7 @@ class AxisTravelGuard:
     def _cleared(self, axis: Axis, since_ns: int, now_ns: int) -> Axis:
         """0Bh, between two instants: the counter is 0, where the shaft is known no better, and a
         move under way ends at its old number of the new count."""
-        cleared = self._counter_at(axis, now_ns)
+        cleared = axis.counter_at(now_ns)
         offset, reach = shift(axis.offset, cleared), axis.reach
         if axis.may_move and not axis.speed and not axis.segment_speed:
             reach = join(reach, shift(axis.tip, cleared))
@@ -291,17 +302,9 @@ class AxisTravelGuard:
             axis, offset=offset, counter=(0, 0), seen_ns=since_ns, target=None, reach=reach
         )
 
-    def _counter_at(self, axis: Axis, now_ns: int) -> Interval:
-        """What the counter may be now, if nothing has cleared it since it was read."""
-        if not axis.may_move:
-            return axis.counter
-        speed = max(axis.speed, axis.segment_speed, TICKS_PER_SECOND // axis.period + 1)
-        far = speed * max(0, now_ns - axis.seen_ns) // 1_000_000_000 + ZERO_SLACK
-        return axis.counter[0] - far, axis.counter[1] + far
-
     def _steadily_at(self, axis: Axis, now_ns: int) -> Interval:
         """The same for an axis that keeps its speed without a ramp, and nothing is in its way."""
-        low, high = self._counter_at(axis, now_ns)
+        low, high = axis.counter_at(now_ns)
         here = axis.counter[0]
         if axis.coefficient or not axis.may_move or axis.counter[1] > here:
             return low, high
@@ -384,7 +387,7 @@ class AxisTravelGuard:
 
     def _halted(self, axis: Axis, index: int, now_ns: int) -> Axis:
         """18h, 1Ah, 00h, 01h: at rest at once, nothing stored; unless the device reads it else."""
-        counter = self._counter_at(axis, now_ns + 2 * MARGIN_NS)  # at rest, until it is read
+        counter = axis.counter_at(now_ns + 2 * MARGIN_NS)  # at rest, until it is read
         far = self._braking(axis.speed) if axis.speed else 0
         reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
         is_factory = index == 0x01
@@ -409,11 +412,12 @@ class AxisTravelGuard:
 
     def worked(self, name: str, window: tuple[int, int], _: Collection[str] = ()) -> None:
         """The rig has worked `name` (of `AXIS_CONTROLS`) in this window of the clock, ns."""
+        self._shown.clear()
         for address, found in self.axes.items():
             axis = replace(found, is_worked=True, is_still=False)
             self.axes[address] = axis
             if name == "reference":
-                edge = self._counter_at(axis, window[1])
+                edge = axis.counter_at(window[1])
                 self.axes[address] = replace(axis, edge=join(edge, axis.edge or edge))
             elif name in CUTTING:
                 self.axes[address] = replace(axis, is_cut=True)
@@ -440,6 +444,9 @@ class AxisTravelGuard:
                 address: self._heeded(self._before.get(address, axis), axis, now_ns)
                 for address, axis in self._after.items()
             }
+            for address in self._before if asked.address is None else (asked.address,):
+                if (before := self._before.get(address)) is not None:
+                    self._shown[address].heeded(before, asked.index, asked.parameter, now_ns)
         elif reply.data is not None and asked.address is not None:
             self._learn(asked.address, asked.index, reply.data, now_ns)
         if asked.address is None and reply.whom is not None:  # what became of the others is open
@@ -474,12 +481,17 @@ class AxisTravelGuard:
                 self.axes[address] = Axis(offset=(-counter, -counter), seen_ns=self._last_ns)
             elif not self._is_runaway(address, axis, counter, now_ns):
                 self.axes[address] = self._located(axis, counter, now_ns)
-        elif axis is not None and index == PERIOD.query:
-            period = PERIOD.read(data)
+            is_doubtful, is_runaway = address in self._doubtful, bool(self.runaway)
+            self._suspects.seen(address, counter, is_doubtful=is_doubtful, is_runaway=is_runaway)
+            if (unshown := self._shown[address].seen(counter, now_ns)) and not is_runaway:
+                self.broken = f"MACS-CMD-{self.axes[address].begun_by:02X}-01"
+                self.runaway = unshown
+        elif axis is not None and index == PARAMETERS[0x0D].query:
+            period = PARAMETERS[0x0D].read(data)
             self._found_periods.setdefault(address, period)
             self.axes[address] = replace(axis, period=period or 1)
-        elif axis is not None and index == COEFFICIENT.query:
-            self.axes[address] = replace(axis, coefficient=COEFFICIENT.read(data))
+        elif axis is not None and index == PARAMETERS[0x0F].query:
+            self.axes[address] = replace(axis, coefficient=PARAMETERS[0x0F].read(data))
 
     def seen_still(self, address: int) -> None:
         """The axis no longer runs on after what has ended its motion."""
@@ -506,10 +518,12 @@ class AxisTravelGuard:
             self._doubtful.discard(address)
             return False
         if address in self._doubtful and not self.runaway:
-            self.broken = f"MACS-CMD-{axis.begun_by:02X}-01"
+            after = self._suspects.foremost(address, axis.begun_by)
+            leads = "which leads" if after in MOVING else "where other commands lead"
+            self.broken = f"MACS-CMD-{after:02X}-01"
             self.runaway = (
-                f"after {axis.begun_by:02X}h, which leads to {lowest:+}..{highest:+} from where the"
-                f" axis was found, it was seen at {low:+}: it is moved no more"
+                f"after {after:02X}h, {leads} to {lowest:+}..{highest:+} from where the axis was"
+                f" found, it was seen at {low:+}: it is moved no more"
             )
         self._doubtful.add(address)
         return True
@@ -537,7 +551,7 @@ class AxisTravelGuard:
     def _origin_seen(self, axis: Axis, counter: int, now_ns: int) -> Axis:
         """Account for a counter that may have been cleared since it was read last: it then counts
         from a place `zero` of the old count."""
-        low, high = self._counter_at(axis, now_ns)
+        low, high = axis.counter_at(now_ns)
         if axis.edge is not None:  # a slow rig leaves much open that the motion itself settles
             low, high = self._steadily_at(axis, now_ns)
         is_plain = low <= counter <= high
@@ -584,10 +598,3 @@ class AxisTravelGuard:
     def stop(self) -> tuple[bytes, ...]:
         """The frames that end what may be running, to each axis."""
         return tuple(self.reader.stop(address) for address, axis in self.axes.items() if axis.speed)
-
-
-def _level_ticks(axis: Axis, index: int, parameter: int) -> int:
-    """What an increment takes at the foot of the ramp of a motion asked for."""
-    if not axis.coefficient or index == 0x16:
-        return 0  # no slower than any speed that can be asked for
-    return RAMP_LEVELS * (parameter & 0xFFFF if index == 0x15 else axis.period)

@@ -16,9 +16,9 @@ from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
+from axistwin_conformance.families.mac.axis.driver.facts import MacFacts
 from axistwin_conformance.families.mac.axis.exchanges import AxisReply, ReplyKind
 from axistwin_conformance.families.mac.axis.safety import impact_of_axis
-from axistwin_conformance.families.mac.axis.snapshot import MacFacts
 from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.axis.words import exchange_words, request_words
 from axistwin_conformance.families.mac.serial import codec

@@ -24,6 +24,7 @@ from axistwin_conformance.families.msc.driver import (
     MscDriver,
     Readings,
 )
+from axistwin_conformance.families.msc.scratch import first_outside
 
 ORDER = 150  # of this module in a run; see `Family.modules`
 
@@ -300,16 +301,14 @@ def _keeps_at_the_end(driver: MscDriver) -> bool:
 
 def _end_of_data(driver: MscDriver) -> int:
     """The lowest address behind the named ones that is refused; skips if there is none."""
-    low, high = driver.scratch.slots(1)[0], LAST_PLACE  # is there; is not
-    if driver.draws(driver.client.request(codec.dread(high)))[0] != NAKED:
+
+    def is_refused(address: int) -> bool:
+        return driver.draws(driver.client.request(codec.dread(address)))[0] == NAKED
+
+    named = driver.scratch.slots(1)[0]
+    if not is_refused(LAST_PLACE):
         driver.session.skip("this device refuses no address, so that its last one cannot be found")
-    while high - low > 4:
-        middle = low + (high - low) // 8 * 4
-        if driver.draws(driver.client.request(codec.dread(middle)))[0] == NAKED:
-            high = middle
-        else:
-            low = middle
-    return high
+    return first_outside(is_refused, named, LAST_PLACE, driver.scratch.stride)
 
 
 @check("MSC-BREAD-05", safety="rig", needs=("bench", "variables"))

@@ -15,7 +15,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.packets import carrying
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import JUNK, WHILE_IT_TALKS
+from axistwin_conformance.families.msc.link import DRAWN, DUE, JUNK, WHILE_IT_TALKS, Again
 from axistwin_conformance.families.msc.program import BenchProgram
 
 ORDER = 20  # of this module in a run; see `Family.modules`
@@ -286,9 +286,12 @@ def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
 
 def _must_serve_amid_a_wait(driver: MscDriver) -> None:
     """Go on only where a packet instead of a sign is served (MSC-AMB-27)."""
-    seen = driver.session.reading("stx_while_waiting")
-    if seen != "serve":
-        driver.session.skip(f"this device has stx_while_waiting={seen}")
+    session, switch = driver.session, "stx_while_waiting"
+    detection = session.run.detections.get(switch)
+    left = detection.candidates if detection and switch not in session.readings else ()
+    seen = left or (session.reading(switch),)
+    if seen != ("serve",):
+        session.skip(f"this device has {switch}={' or '.join(seen)}")
 
 
 def _reply_is_gone(driver: MscDriver, names: tuple[str, ...], what: str) -> None:
@@ -362,25 +365,26 @@ def another_byte_is_no_sign(session: Session) -> None:
     driver = MscDriver(session)
     driver.link.calm()
     first = driver.link.unanswered()
+    over_ns = session.target.now_ns
     session.target.send(JUNK)
-    again, strays = driver.client.receive_packet(driver.link.glance_amid_wait_s)
-    seen = "as_nak"
+    came = driver.link.drawn_again(over_ns)
+    again, strays = came.packet, came.strays
+    readings = tuple({DRAWN: "as_nak", DUE: "ignore"}[cause] for cause in came.causes)
     if again is None and not strays:
         session.target.send(NAK)
         again, strays = driver.client.receive_packet()
-        seen = "ignore" if again else "abandon"
+        readings = ("ignore",) if again else ("abandon",)
     is_good = not strays and (again is None or driver.link.is_same(again, first))
     text = ["nothing, and the repeat to a NAK", "the repeat at once", "nothing more"]
     if not is_good:
         session.fail(("MSC-LNK-08", "MSC-LNK-12"), text, again or strays.hex(" "))
-    if seen != "abandon":
+    if readings != ("abandon",):
         session.target.send(ACK)
         driver.link.nothing_more("MSC-LNK-08", "ACK")
-    if seen == "ignore" and session.reading("stray_nak") == "resend_last":
-        # A unit that had given up would have sent it again as well.
-        readings: tuple[str, ...] = ("ignore", "abandon")
-    else:
-        readings = (seen,)
+    is_told = bool(came.causes) or session.reading("stray_nak") == "ignore"
+    if (readings == ("ignore",) and not is_told) or (readings == ("abandon",) and came.is_over):
+        # A unit that had given up would have sent it again as well; or both have by now.
+        readings = ("ignore", "abandon")
     driver.reading("junk_while_waiting", readings, ("MSC-LNK-08", "MSC-LNK-12"))
     driver.link.alive("MSC-LNK-08")
 
@@ -402,7 +406,8 @@ def a_sign_that_comes_while_it_talks_counts_when_it_ends(session: Session) -> No
 def _talk_over(driver: MscDriver, sent: bytes, when: str) -> None:
     """Send signs while a reply, or a repeat of it, is under way, and judge what that does."""
     session = driver.session
-    is_kept, first = session.reading("rx_while_busy") == "buffer", b""
+    driver.link.measure_if_slow()
+    first = b""
     if when == "in a repeat":
         first = driver.link.unanswered().raw
         session.target.send(NAK)
@@ -427,21 +432,31 @@ def _talk_over(driver: MscDriver, sent: bytes, when: str) -> None:
     if first and session.reading("retransmit_content") == "snapshot":
         session.expect(received.raw == first, "MSC-LNK-10", first.hex(" "), received.raw.hex(" "))
     # A unit that has lost the sign still waits for it, and repeats the reply when T2 runs out.
-    limit_s = driver.link.glance_s if is_kept else driver.link.glance_amid_wait_s
-    again, strays = driver.client.receive_packet(limit_s)
+    came = driver.link.drawn_again(session.target.now_ns)
     junk_counts = session.reading("junk_while_waiting") == "as_nak" and sent[:1] == JUNK
-    wants_again = is_kept and (sent == NAK or junk_counts)
-    text = "the reply again" if wants_again else "nothing more"
-    is_so = not strays and (again is not None) == wants_again
-    session.expect(is_so, ("MSC-LNK-08", "MSC-LNK-10"), text, again or strays.hex(" ") or "nothing")
-    if wants_again or not is_kept:
+    readings = _kept_or_lost(came, draws=sent == NAK or junk_counts)
+    names = ("MSC-LNK-08", "MSC-LNK-10")
+    held = session.run.readings.get("rx_while_busy")
+    is_so = not came.strays and bool(readings) and held in (None, *readings)
+    text = "the reply again" if held != "drop" and (sent == NAK or junk_counts) else "nothing more"
+    session.expect(is_so, names, text, came.packet or came.strays.hex(" ") or "nothing")
+    driver.reading("rx_while_busy", readings, names)
+    if came.packet is not None or held != "buffer":
         session.target.send(ACK)
 
 
-def _two_signs_s(driver: MscDriver, sent: int) -> float:
-    """How long to listen for the signs to two packets of so many bytes: the second is served when
-    the first one's has left."""
-    return sent * driver.link.byte_ns / 1e9 + driver.link.glance_s + driver.target.line_s
+def _kept_or_lost(came: Again, *, draws: bool) -> tuple[str, ...]:
+    """What the readings of rx_while_busy are that explain what came of signs which the unit, if it
+    keeps them, takes for NAK, or for ACK; none: nothing does."""
+    if not draws:
+        by_cause = {DRAWN: (), DUE: ("drop",)}
+        nothing: tuple[str, ...] = ("buffer", "drop")
+    else:
+        by_cause = {DRAWN: ("buffer",), DUE: ("drop",)}
+        nothing = ("drop",)
+    if came.packet is None:
+        return nothing
+    return tuple(reading for cause in came.causes for reading in by_cause[cause])
 
 
 @check("MSC-LNK-04", "MSC-LNK-16", needs=("alone",))
@@ -452,9 +467,7 @@ def packets_behind_one_another_are_each_served(session: Session) -> None:
     if not driver.link.is_busy_hearing:
         session.skip("on RS-485 the unit would talk over the host")
     raw = codec.with_wrong_checksum(driver.client.request(RQSTAT))
-    session.target.drain()
-    session.target.send(raw + raw)
-    received = driver.client.listen(_two_signs_s(driver, 2 * len(raw)))
+    received = driver.link.drawn_by_both(raw, raw)
     if received and not received.strip(NAK) and session.reading("noise_in_idle") == "nak":
         # What is left of a packet that was lost in part is refused too.
         driver.client.wait_until_quiet()
@@ -483,12 +496,9 @@ def a_packet_right_behind_a_write_is_served(session: Session) -> None:
         session.skip("behind its ACK to a write this device awaits ours")
     spot = driver.scratch.spot()
     for first, second in ((1, 2), (-1, 3)):
-        raw = b"".join(
-            driver.client.request(codec.dwrite(spot, value)) for value in (first, second)
+        received = driver.link.drawn_by_both(
+            *(driver.client.request(codec.dwrite(spot, value)) for value in (first, second))
         )
-        session.target.drain()
-        session.target.send(raw)
-        received = driver.client.listen(_two_signs_s(driver, len(raw)))
         is_kept = received == ACK + ACK
         if not is_kept:
             received += (

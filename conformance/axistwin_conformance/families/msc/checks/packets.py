@@ -268,22 +268,33 @@ def _to_other(driver: MscDriver, unit: int) -> str | MscExchange:
     return "ignore"
 
 
+def _without_start(address: int) -> int:
+    """A value with which a DWRITE to unit 0 has no 02h behind its own: a unit that hunts for one in
+    what is not for it would take that for a packet of its own, and refuse it at T1."""
+    for value in range(3, 0x100):
+        raw = codec.packet(0, codec.dwrite(address, value))
+        if STX not in raw[1:]:
+            return value
+    return 3  # the address has one
+
+
 @check("MSC-PKT-03", safety="stored", needs=("variables", "alone"))
 def unit_0_is_no_broadcast(session: Session) -> None:
     """A DWRITE to unit 0 stores nothing, unless this device reads 0 as everybody."""
     driver = MscDriver(session)
     spot = driver.scratch.spot()
     driver.write(spot, 1)
-    raw = codec.packet(0, codec.dwrite(spot, 2))
+    value = _without_start(spot)
+    raw = codec.packet(0, codec.dwrite(spot, value))
     exchange = driver.client.ask(raw, is_read=False)
     driver.client.wait_until_quiet()  # a unit that hunts for 02h may have found some
-    value = driver.read(spot)
-    if exchange.is_naked and value == 1:
+    held = driver.read(spot)
+    if exchange.is_naked and held == 1:
         driver.reading("invalid_unit", "nak")
-    elif exchange.is_silence and value in (1, 2):
-        driver.reading("invalid_unit", "silent" if value == 1 else "broadcast")
+    elif exchange.is_silence and held in (1, value):
+        driver.reading("invalid_unit", "silent" if held == 1 else "broadcast")
     elif session.reading("rs232_unit_check") != "ignore" or driver.link.is_rs485:
-        session.fail(None, "silence or NAK, and the value as it was", f"{exchange}, {value}")
+        session.fail(None, "silence or NAK, and the value as it was", f"{exchange}, {held}")
     else:
         session.not_run(None, "this unit looks at no number, so 0 is like any other")
 

@@ -6,7 +6,7 @@ starts: that is started again here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
@@ -18,7 +18,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.flags import NO_RFLAGS, judge_agreement
 from axistwin_conformance.families.msc.checks.status import AUTO_START, RUNNING
 from axistwin_conformance.families.msc.driver import ACKED, NAKED, SERVED, MscDriver
-from axistwin_conformance.families.msc.program import POLL_S, REACTION_S
+from axistwin_conformance.families.msc.program import REACTION_S
 
 ORDER = 160  # of this module in a run; see `Family.modules`
 
@@ -35,15 +35,6 @@ SETTLED_S: Final = 0.1  # after which a scan has been
 UNKNOWN_FLAGS: Final = "the rig works none of the flags that inputs, timers and motors often have"
 
 
-def _until(driver: MscDriver, is_so: Callable[[], bool], within_s: float) -> bool:
-    deadline_ns = driver.target.now_ns + round(within_s * 1e9)
-    while not is_so():
-        if driver.target.now_ns >= deadline_ns:
-            return False
-        driver.target.wait(POLL_S)
-    return True
-
-
 def _power_cycle(driver: MscDriver) -> int:
     """Switch the supply off and on; the status once the unit serves and its self-test is over."""
     session = driver.session
@@ -57,7 +48,7 @@ def _power_cycle(driver: MscDriver) -> int:
         reply = exchange.reply
         return reply is not None and bool(reply.numbers) and not reply.numbers[0] & SELF_TEST
 
-    is_served = _until(driver, is_up, START_S)
+    is_served = driver.until(is_up, START_S)
     session.step(is_served, f"RQSTAT served within {START_S:g} s of power-up", "it is not")
     driver.target.wait(SETTLED_S)
     return driver.status()
@@ -153,7 +144,7 @@ def bit_0_is_the_program(session: Session) -> None:
     for _ in range(2):
         for is_on in (False, True):
             session.rig.work("program", is_on)
-            so = _until(driver, lambda: bool(driver.status() & RUNNING) is is_on, REACTION_S)  # noqa: B023 - called here
+            so = driver.until(lambda: bool(driver.status() & RUNNING) is is_on, REACTION_S)  # noqa: B023 - called here
             text = f"bit 0 {'on' if is_on else 'off'}"
             session.expect(so, names, text, _bit(driver.status(), 0))
     if "status" in session.rig.capabilities:
@@ -235,12 +226,12 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
     driver.write(place, value)
     try:
         session.rig.work("battery", True)
-        is_shown = _until(driver, lambda: bool(driver.status() & BATTERY_LOW), REACTION_S)
+        is_shown = driver.until(lambda: bool(driver.status() & BATTERY_LOW), REACTION_S)
         session.expect(
             is_shown, None, "bit 1 on: an empty battery is a low one", _bit(driver.status(), 1)
         )
         status = _power_cycle(driver)
-        is_shown = _until(driver, lambda: bool(driver.status() & BATTERY_LOW), REACTION_S)
+        is_shown = driver.until(lambda: bool(driver.status() & BATTERY_LOW), REACTION_S)
         session.expect(is_shown, None, "bit 1 on after power-up as well", _bit(driver.status(), 1))
         _restart(session)
         _must_serve(driver)

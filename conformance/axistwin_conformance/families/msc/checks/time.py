@@ -135,8 +135,8 @@ def _judge_lone_start(driver: MscDriver) -> None:
     if received and received != NAK and not is_many:
         driver.session.fail("MSC-LNK-03", ["NAK", "nothing"], received.hex(" "))
     if not received:
-        hears = driver.link.hears_while_it_talks()
-        readings = ("silent",) if hears else ("silent_on_rs485", "silent")
+        is_rs232 = driver.link.is_surely_rs232()
+        readings = ("silent",) if is_rs232 else ("silent_on_rs485", "silent")
     else:
         readings = ("nak",) if driver.link.is_rs485 else ("silent_on_rs485", "nak")
     driver.reading("timeout_before_unit", readings, "MSC-LNK-03")
@@ -209,8 +209,8 @@ def a_length_that_is_wrong_is_found_at_t1_at_the_latest(session: Session) -> Non
     session.expect(
         received == NAK, "MSC-LNK-02", "NAK at once", codec.explain(received) or "nothing"
     )
-    received = driver.client.wait_until_quiet()
-    is_refused = not received.strip(NAK)
+    received = driver.client.wait_until_quiet()  # 13h is no unit's number
+    is_refused = not received.strip(NAK) or driver.link.is_refused_in_chorus
     session.expect(is_refused, "MSC-LNK-02", "NAK at most", codec.explain(received))
     driver.link.alive("MSC-LNK-02")
 

@@ -30,7 +30,7 @@ from axistwin_conformance.families.msc.probing import (
     reply_kind_of,
     variable,
 )
-from axistwin_conformance.families.msc.scratch import SAFE_STRIDE
+from axistwin_conformance.families.msc.scratch import SAFE_STRIDE, first_outside
 
 ORDER = 30  # of this module in a run; see `Family.modules`
 
@@ -235,10 +235,7 @@ def data_out_of_range(driver: MscDriver) -> Outcome:
         driver.session.skip("it has a value at FFFCh")
     if not driver.target.is_builtin:
         return 0, 1  # it may have a variable there, and that hold 0: nobody has named it
-    driver.write(LAST, MARK)
-    is_kept = _has(driver, LAST, MARK)
-    driver.write(LAST, 0)
-    if is_kept:
+    if _keeps(driver, LAST):
         driver.session.skip("its data area goes on to FFFCh")
     return 1
 
@@ -256,28 +253,35 @@ def _has(driver: MscDriver, address: int, value: int) -> bool:
     return reply is not None and reply.values[0] == value
 
 
-def _is_refused(driver: MscDriver, address: int) -> bool:
-    return _ask(driver, codec.dread(address))[0] is MscReplyKind.NAK
-
-
 def _end(driver: MscDriver) -> int:
     """The first address behind the data area; 0 if nothing shows it."""
     reading = driver.session.reading("data_out_of_range")
-    if reading != "nak":
-        return _wrapped_size(driver) if reading == "wrap" else SIZES[0]
-    likely = SIZES[0]
-    if _is_refused(driver, likely) and not _is_refused(driver, likely - SAFE_STRIDE):
+    if reading == "wrap":
+        return _wrapped_size(driver)
+    if reading == "zero" and not driver.target.is_builtin:
+        return 0  # what is read there may be a variable that is 0, and nobody has named it
+
+    def is_outside(address: int) -> bool:
+        if reading == "zero":
+            return not _keeps(driver, address)
+        return _ask(driver, codec.dread(address))[0] is MscReplyKind.NAK
+
+    likely, stride = SIZES[0], driver.scratch.stride
+    if is_outside(likely) and not is_outside(likely - stride):
         return likely
-    low, high = variable(driver), LAST
-    if not _is_refused(driver, high):
+    if not is_outside(LAST):
         return 0
-    while high - low > SAFE_STRIDE:
-        middle = (low + high) // 2 // SAFE_STRIDE * SAFE_STRIDE
-        if _is_refused(driver, middle):
-            high = middle
-        else:
-            low = middle
-    return high
+    return first_outside(is_outside, variable(driver), LAST, stride)
+
+
+def _keeps(driver: MscDriver, address: int) -> bool:
+    """Whether what is written there is read again; it is put back."""
+    before = driver.read(address)
+    mark = MARK if before != MARK else OTHER
+    driver.write(address, mark)
+    is_kept = _has(driver, address, mark)
+    driver.write(address, before)
+    return is_kept
 
 
 @probe(safety=WORKED, needs=WITH_VARIABLES)

@@ -18,7 +18,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import MOST_STRAYS
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import LIMITS
+from axistwin_conformance.families.msc.link import DRAWN, DUE, LIMITS
 from axistwin_conformance.families.msc.probing import (
     COARSE_MS,
     LINE_SLACK_NS,
@@ -35,6 +35,7 @@ from axistwin_conformance.families.msc.probing import (
     look_s,
     refusals,
     repeat_at_once,
+    repeat_to_nak,
     reply_kind_of,
     running_program,
     unanswered,
@@ -142,8 +143,7 @@ def retransmit_limit(driver: MscDriver) -> Outcome:
 def stray_nak(driver: MscDriver) -> Outcome:
     """15h after a finished RQSTAT."""
     driver.ask(RQSTAT)
-    driver.client.send(NAK)
-    is_repeated = repeat_at_once(driver)
+    is_repeated = repeat_to_nak(driver)
     driver.client.send(ACK)
     return int(is_repeated)
 
@@ -234,6 +234,8 @@ def noise_in_idle(driver: MscDriver) -> Outcome:
 @probe()
 def stx_while_waiting(driver: MscDriver) -> Outcome:
     """02h instead of our answer to RQSTAT's reply, then the rest of an RFLAG."""
+    if driver.link.is_slow:
+        return _stx_to_a_slow_unit(driver)
     other = driver.client.request(codec.rflag(0))
     own_s = len(other) * driver.target.byte_ns / 1e9
     if driver.client.packet_timeout_s < look_s(driver) + own_s:
@@ -241,7 +243,7 @@ def stx_while_waiting(driver: MscDriver) -> Outcome:
     unanswered(driver)
     driver.client.send(other[:1])
     if repeat_at_once(driver):
-        driver.client.send(ACK)
+        _end_repeat(driver)
         return 1
     driver.client.send(other[1:])
     sign = driver.client.receive(1, driver.client.limit_s(len(other)))
@@ -253,6 +255,27 @@ def stx_while_waiting(driver: MscDriver) -> Outcome:
     return 2
 
 
+def _stx_to_a_slow_unit(driver: MscDriver) -> Outcome:
+    """The same without a pause, in which T1 or T2 would run out; then 02h alone."""
+    driver.link.measure_if_slow()
+    unanswered(driver)
+    kind, reply = answer_to(driver, driver.client.request(codec.rflag(0)))
+    if kind is MscReplyKind.REPLY and reply is not None and reply.name == "RFLAG":
+        return 0
+    driver.client.wait_until_quiet()
+    _, over_ns = unanswered(driver)
+    driver.client.send(STX)
+    came = driver.link.drawn_again(over_ns)
+    _end_repeat(driver)
+    return tuple({DRAWN: 1, DUE: 2}[cause] for cause in came.causes) or (1 if came.strays else 2)
+
+
+def _end_repeat(driver: MscDriver) -> None:
+    """Acknowledge it, and wait out what a neighbour takes 02h for: the beginning of a packet."""
+    driver.client.send(ACK)
+    driver.client.wait_until_quiet()
+
+
 @probe()
 def junk_while_waiting(driver: MscDriver) -> Outcome:
     """00h instead of our answer to RQSTAT's reply, and what comes then."""
@@ -262,11 +285,17 @@ def junk_while_waiting(driver: MscDriver) -> Outcome:
 
 
 def _after_junk(driver: MscDriver) -> Outcome:
-    down_to_the_last(driver)
+    driver.link.measure_if_slow()
+    over_ns = down_to_the_last(driver)
     driver.client.send(b"\x00")
-    if repeat_at_once(driver):
+    came = driver.link.drawn_again(over_ns)
+    if came.strays:  # of several units that talk at once nothing can be read
+        driver.client.listen(glance_s(driver))
+    if came.causes or came.strays.strip(ACK + NAK):
         driver.client.send(ACK)
-        return 1
+        return tuple({DRAWN: 1, DUE: 0}[cause] for cause in came.causes) or 1
+    if came.is_over:
+        return 2 if driver.session.reading("ack_timeout_action") == "retransmit" else (0, 2)
     waits = _waits_still(driver)
     return (0, 2) if waits is None else 0 if waits else 2
 
@@ -301,8 +330,24 @@ def rx_while_busy(driver: MscDriver) -> Outcome:
     late = driver.client.receive(1, driver.client.limit_s(len(bad)))
     driver.client.wait_until_quiet()
     if first != NAK:
+        if driver.link.is_rs485 and driver.link.latency_ns < driver.target.byte_ns:
+            driver.session.skip("on two wires its answer to the first packet meets the second")
         return codec.explain(first + early + late) or "nothing"
     return int(bool(early) or late != NAK)
+
+
+@probe(needs=("alone",), switch="rx_while_busy")
+def rx_while_busy_alone(driver: MscDriver) -> Outcome:
+    """Two RQSTATs with wrong checksums, one right behind the other."""
+    bad = codec.packet(driver.unit, RQSTAT, checksum=NO_SUM)
+    received = driver.link.drawn_by_both(bad, bad)
+    driver.client.wait_until_quiet()
+    if received not in (NAK, NAK + NAK) and not driver.link.hears_while_it_talks():
+        driver.session.skip("on two wires its answer to the first packet meets the second")
+    if received and not received.strip(NAK) and driver.session.reading("noise_in_idle") == "nak":
+        return (0, 1)  # what is left of a packet that was lost in part is refused too
+    signs = {NAK + NAK: 0, NAK: 1}
+    return signs.get(received, codec.explain(received) or "nothing")
 
 
 # --- what is in a reply ---------------------------------------------------------------------------
@@ -373,7 +418,7 @@ def timeout_before_unit_on_rs232(driver: MscDriver) -> Outcome:
     _only_on_rs232(driver)
     if lone_stx(driver):
         return (0, 2)
-    return 1 if driver.link.hears_while_it_talks() else (0, 1)
+    return 1 if driver.link.is_surely_rs232() else (0, 1)
 
 
 def _only_on_rs232(driver: MscDriver) -> None:

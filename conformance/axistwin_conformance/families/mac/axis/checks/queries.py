@@ -7,10 +7,10 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.facts import PLAUSIBLE_CELSIUS, facts_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.probes.sync import is_held
-from axistwin_conformance.families.mac.axis.snapshot import PLAUSIBLE_CELSIUS, facts_of
 
 ORDER = 80  # of this module in a run; see `Family.modules`
 

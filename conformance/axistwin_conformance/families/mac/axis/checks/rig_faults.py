@@ -17,6 +17,7 @@ from axistwin_conformance.base.errors import CannotDo
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
+from axistwin_conformance.families.mac.axis.driver.facts import facts_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.driver.rig import (
@@ -29,7 +30,7 @@ from axistwin_conformance.families.mac.axis.driver.rig import (
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.axis.parameters import settings_of
-from axistwin_conformance.families.mac.axis.snapshot import DISJUNCTIONS, facts_of
+from axistwin_conformance.families.mac.axis.snapshot import DISJUNCTIONS
 from axistwin_conformance.transport.rig import Rig
 
 ORDER = 230  # of this module in a run; see `Family.modules`

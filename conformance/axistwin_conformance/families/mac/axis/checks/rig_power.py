@@ -15,7 +15,7 @@ from axistwin_conformance.families.mac.axis.checks.rig_faults import (
     judge_memory,
 )
 from axistwin_conformance.families.mac.axis.checks.rig_inputs import judge_no_edge
-from axistwin_conformance.families.mac.axis.driver.driver import driver_of
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.motion import PRELOAD_SHOWS_S, segment_parameter
 from axistwin_conformance.families.mac.axis.driver.rig import OVER_VOLTAGE, WORKED
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, settings_of
@@ -40,7 +40,10 @@ MODES: Final[tuple[tuple[int, int], ...]] = (
     (0x02, 0),
     (0x03, 9),
     (0x1C, 0x21),
-)  # factory values are others (§5.10)
+)
+# A field that is lost comes up at the factory value, which may be one of those (§5.10).
+OTHER_MODES: Final[tuple[tuple[int, int], ...]] = ((0x02, 1), (0x03, 1), (0x1C, 0x12))
+MODE_FIELDS: Final = {0x02: 0xF000, 0x03: 0x0F00, 0x1C: 0x00FF}  # of km dd of 26h
 
 
 @check("MACS-Q-20-02", "MACS-PERS-01", "MACS-PERS-03", safety=WORKED, needs=POWER)
@@ -118,24 +121,31 @@ def parameters_outlive_the_supply(session: Session) -> None:
         )
 
 
+def _is_settable(driver: AxisDriver, index: int) -> bool:
+    return index != 0x1C or driver.rig.has_tolerance()
+
+
 @check("MACS-PERS-02", safety=WORKED, needs=POWER)
 def modes_outlive_the_supply_or_all_do_not(session: Session) -> None:
     """02h, 03h and 1Ch are all kept over power-off, or all lost."""
     driver = driver_of(session)
     driver.rig.begin()
-    modes = [mode for mode in MODES if mode[0] != 0x1C or driver.rig.has_tolerance()]
-    for index, parameter in modes:
-        driver.judge.accepted(index, parameter)
-    before = driver.client.value(0x26) & 0xFFFF
-    driver.rig.power_cycle()
-    after = driver.client.value(0x26) & 0xFFFF
-    fields = [mask for mask in (0xF000, 0x0F00, 0x00FF) if mask != 0xFF or len(modes) == 3]
-    kept = [before & mask == after & mask for mask in fields]
-    outcome: int | str = f"K, m and TT {before:04X}, then {after:04X}"
-    if all(kept):
-        outcome = 0
-    elif not any(kept):
-        outcome = 1
+    fields = [MODE_FIELDS[index] for index in MODE_FIELDS if _is_settable(driver, index)]
+    kept, told = set(fields), []
+    for modes in (MODES, OTHER_MODES):
+        for index, parameter in modes:
+            if MODE_FIELDS[index] in fields:
+                driver.judge.accepted(index, parameter)
+        before = driver.client.value(0x26) & 0xFFFF
+        driver.rig.power_cycle()
+        after = driver.client.value(0x26) & 0xFFFF
+        told.append(f"{before:04X}, then {after:04X}")
+        kept = {mask for mask in kept if before & mask == after & mask}
+        if len(kept) in (0, len(fields)):
+            break
+    outcome: int | str = f"K, m and TT {'; '.join(told)}"
+    if len(kept) in (0, len(fields)):
+        outcome = int(not kept)
     driver.judge.reading("persist_modes", outcome)
 
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final, Protocol
 
+from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
@@ -25,6 +26,9 @@ from axistwin_conformance.transport.transport import Transport
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
 LONGEST_WAIT_S: Final = 10_000  # twice what the longest way of a check takes at the slowest speed
 SHORT_REPLY_BYTES: Final = 3  # of a serial line; longer ones are no acknowledgement
+STOPS: Final = (0x18, 0x17, 0x1A, 0x00)  # maximum braking, the ramp, no power, the start-up state
+LOOK_S: Final = 0.1  # the slowest catch-up takes two increments in that time
+SWING: Final = 1  # increments: standby (MACS-CMD-02-03)
 CAREFUL: Final = frozenset({0x0B, 0x13, 0x14, 0x18})  # commands that need `Precautions`
 
 Part = str | tuple[str, ...] | None
@@ -294,7 +298,7 @@ class AxisClient(ABC):
             exchange = self.ask(0x20)
         runaway = self.session.run.runaway
         if runaway and not was_runaway:
-            self.command(0x18)
+            hold(self, is_seen_moving=True)
             if self.session.check is not None:
                 self.session.fail(None, "an axis that goes where it is told", runaway)
         if exchange.reply.data is None:
@@ -342,3 +346,30 @@ class AxisClient(ABC):
             ReplyKind.SILENCE: f"got no reply{WAITED}",
         }.get(reply.kind, f"got {'the ' if reply.kind is ReplyKind.ANSWER else ''}{reply}")
         return Observation(f"{REQUEST} {did}", str(reply), "", exchange.request, is_whole=False)
+
+
+def hold(client: AxisClient, *, is_seen_moving: bool = False) -> bool:
+    """Bring an axis to rest that went where nothing leads that it was asked for; True if it stands.
+
+    Nothing is believed of it but what is seen: any command may be the one that moves it, the stop
+    as well.  So an axis that stands gets none, and one that moves gets one after the other, each
+    followed by a look.  `is_seen_moving`: no time is to be lost with a look before the first.
+    """
+    for index in STOPS:
+        if not is_seen_moving and _stands(client):
+            return True
+        is_seen_moving = False
+        try:
+            client.command(index)
+        except OutsideEnvelope:  # it is one of those that may have moved it
+            continue
+    return _stands(client)
+
+
+def _stands(client: AxisClient) -> bool:
+    before = client.ask(0x20).reply.data
+    client.wait(LOOK_S)
+    after = client.ask(0x20).reply.data
+    if before is None or after is None:
+        return False
+    return abs(signed(after - before & 0xFFFF_FFFF)) <= SWING

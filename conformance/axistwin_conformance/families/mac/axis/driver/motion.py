@@ -18,6 +18,7 @@ from axistwin_conformance.families.mac.axis.driver.client import (
     AxisExchange,
     Part,
     Sample,
+    hold,
 )
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST, AxisLimits
@@ -290,6 +291,9 @@ class AxisMotion:
 
     def at_rest(self) -> None:
         """End motion and synchronous mode, whatever the device's reading of either."""
+        if self._session.run.runaway:
+            hold(self._client)
+            return
         reply = self._client.command(0x18)
         if self._readings.known("abort_flush"):
             self._client.command(
@@ -345,7 +349,7 @@ class AxisMotion:
         law: Law | None = None,
     ) -> Forecast:
         """What to expect of a 15h from rest taken over in that exchange."""
-        direction = self.heading(direction)
+        direction = self._heading(direction)
         return Forecast.started(
             exchange.taken,
             origin,
@@ -355,7 +359,7 @@ class AxisMotion:
             mode="VE",
         )
 
-    def heading(self, direction: int) -> int:
+    def _heading(self, direction: int) -> int:
         """The way this device turns when asked for a direction (MACS-AMB-07)."""
         return 1 if self._readings.known("vel_f6_direction") == 1 else direction
 

@@ -6,6 +6,11 @@ from collections.abc import Mapping
 from typing import Final
 
 from axistwin_conformance.families.mac.axis.driver.client import AxisClient
+from axistwin_conformance.families.mac.axis.driver.facts import (
+    facts_of,
+    implausible,
+    is_plausible,
+)
 
 # cc and dd of 27h: which byte and bit shows which bare input (§5.9).
 INPUT_BITS: Final[Mapping[str, tuple[int, int]]] = {
@@ -25,7 +30,7 @@ class AxisStatus:
 
     def is_busy(self) -> bool:
         """The inverted bit 3 of 27h byte 3 (MACS-Q-27-03)."""
-        return not self._client.data_bytes(0x27)[2] & 0x08
+        return not self._measures()[2] & 0x08
 
     def faults(self) -> int:
         """The byte dd of 21h without what is reserved."""
@@ -37,8 +42,18 @@ class AxisStatus:
 
     def inputs(self) -> dict[str, bool]:
         """The bare inputs, by 27h."""
-        data = self._client.data_bytes(0x27)
+        data = self._measures()
         return {name: bool(data[byte] & bit) for name, (byte, bit) in INPUT_BITS.items()}
+
+    def _measures(self) -> tuple[int, int, int, int]:
+        """The bytes of 27h.  Whoever asks, and for whichever of them: a temperature that no MAC can
+        have is wrong, unless a rig has made it."""
+        data, session = self._client.data_bytes(0x27), self._client.session
+        run, celsius = session.run, facts_of(session).celsius(data[0])
+        is_made = run.rig is not None and run.rig.is_disturbed
+        if not is_plausible(celsius) and not is_made:
+            run.violations.append(implausible(run, data[0], celsius))
+        return data
 
     def stopped_on(self) -> int:
         """The byte ff of 21h without what is reserved, which stops ended the motion: four bits,

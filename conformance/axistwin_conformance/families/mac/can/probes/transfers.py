@@ -27,8 +27,8 @@ ORDER = 20  # of this module in a run; see `Family.modules`
 
 BIG, LITTLE = 0, 1  # readings of MACC-AMB-01
 TORQUE_AT: Final = 1  # byte of 2006h
-TORQUE: Final = 0x40
-OTHER_TORQUE: Final = 0x20
+TORQUES: Final = (0x40, 0x20, 0x10)
+TORQUE, OTHER_TORQUE, _ = TORQUES
 OTHER_COMMAND: Final = 0x22  # a download of the standard without a size
 DEVICE_TYPE: Final = (0x00, 0x10)  # index 1000h of the standard, low byte first
 SHORT_BYTES: Final = 4
@@ -49,17 +49,27 @@ def _raw(driver: CanDriver, index: int) -> bytes:
 def can_byte_order(driver: CanDriver) -> Outcome:
     """200Ch with the value in its last byte, else in its first, and the torque in 2006h."""
     own = _raw(driver, 0x26)[TORQUE_AT]
-    value = TORQUE if own != TORQUE else OTHER_TORQUE
+    value, other = [torque for torque in TORQUES if torque != own][:2]
+    # An answer that comes one late shows the first value after the second: what is taken for little
+    # by that alone sends every move astray.
+    tried = ((BIG, (value,)), (LITTLE, (value, other)))
     shown = []
-    for order in (BIG, LITTLE):
-        _write_torque(driver, order, value)
-        shown.append(_raw(driver, 0x26)[TORQUE_AT])
-        # What the wrong order has put there must not stay either: the probes that follow move.
-        _write_torque(driver, order, own)
-        if shown[-1] == value:
+    for order, values in tried:
+        shown.append([_torque_shown(driver, order, torque, own) for torque in values])
+        if shown[-1] == list(values):
             return _learnt(driver, order)
     _write_torque(driver, BIG, own)
-    return f"{value:02X} in the last byte, then in the first: {shown[0]:02X}, {shown[1]:02X}"
+    told = " then ".join(f"{one:02X}" for seen in shown for one in seen)
+    return f"{value:02X} in the last byte, then it and {other:02X} in the first: {told}"
+
+
+def _torque_shown(driver: CanDriver, order: int, torque: int, own: int) -> int:
+    """What 2006h shows of a torque written in that order of bytes.  What the wrong order has put
+    there must not stay either: the probes that follow move."""
+    _write_torque(driver, order, torque)
+    shown = _raw(driver, 0x26)[TORQUE_AT]
+    _write_torque(driver, order, own)
+    return shown
 
 
 def _write_torque(driver: CanDriver, order: int, value: int) -> None:

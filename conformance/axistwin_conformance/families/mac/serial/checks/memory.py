@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.snapshot import facts_of
+from axistwin_conformance.families.mac.axis.driver.facts import facts_of
 from axistwin_conformance.families.mac.serial.codec import IMAX_ADDRESS
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.families.mac.serial.probes.line import imax_value, mem_wrap
