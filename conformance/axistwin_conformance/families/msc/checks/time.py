@@ -186,6 +186,8 @@ def a_length_that_is_wrong_is_found_at_t1_at_the_latest(session: Session) -> Non
     driver = MscDriver(session)
     raw = driver.client.request(RQSTAT)
     cases = [codec.packet(driver.unit, RQSTAT, length=7 + more) for more in (1, 10)]
+    # The last byte of this body is its true length.
+    cases.append(codec.packet(driver.unit, codec.rflag(8), length=9))
     lost = range(4, len(raw) - 1) if session.target.is_virtual else (9,)
     cases += [raw[:at] + raw[at + 1 :] for at in lost]
     for case in cases:
