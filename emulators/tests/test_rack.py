@@ -1,6 +1,8 @@
 """A rack: several lines in one loop, each failing for itself."""
 
+import contextlib
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -171,6 +173,34 @@ def test_what_servers_report_is_told_with_the_line(tmp_path: Path) -> None:
     assert eventually(lambda: len(told) == 2)
     rig.rack.stop()
     assert told == [("toy:0~2", "connected"), ("toy:0~2", "disconnected")]
+
+
+@pytest.mark.parametrize(("takes_ms", "after_ms"), [(0, 50), (10, 40), (30, 25), (80, 25)])
+def test_what_looking_takes_is_no_part_of_the_period(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, takes_ms: int, after_ms: int
+) -> None:
+    """So that live values come 20 times a second; who looks long leaves time for the lines."""
+    rig = Rig(tmp_path, 1)
+    live = Live(rig.rack)
+    now_s, delays_ms = [0.0], []
+
+    def looks(*_: object) -> None:
+        now_s[0] += takes_ms / 1000
+
+    def call_later(delay_s: float, callback: Callable[[], object]) -> None:
+        delays_ms.append(round(delay_s * 1000))
+        now_s[0] += delay_s
+
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr(live, "_look_at", looks)
+    monkeypatch.setattr(rig.rack.loop, "call_later", call_later)
+    with contextlib.closing(rig.rack):
+        leave = live.watch(["toy:0"], lambda event: None)
+        live.touch(rig.rack.devices["toy:0"])
+        for _ in range(3):
+            live._look()
+        leave()
+    assert delays_ms == [50, after_ms, after_ms, after_ms]
 
 
 def test_lines_come_and_go_while_the_others_are_served(tmp_path: Path) -> None:

@@ -107,6 +107,7 @@ class Live:
         self._lines: dict[str, WatchedLine] = {}
         self._watchers: list[Watcher] = []
         self._is_looking = False
+        self._due_s = 0.0  # when to look next
         rack.subscribe(self._line_told)
 
     def watch(
@@ -125,6 +126,7 @@ class Live:
             self._watch_line(line, watcher)
         if not self._is_looking:
             self._is_looking = True
+            self._due_s = time.monotonic() + LOOK_S
             self._rack.loop.call_later(LOOK_S, self._look)
 
         def leave() -> None:
@@ -243,13 +245,17 @@ class Live:
         now_s = time.monotonic()
         for watched in tuple(self._watched.values()):
             period_s = LOOK_S if now_s < watched.active_until_s else REST_S
-            if now_s - watched.looked_s >= period_s and watched.device.server.failure is None:
+            is_due = now_s - watched.looked_s > period_s - LOOK_S / 2  # a look may be early or late
+            if is_due and watched.device.server.failure is None:
                 watched.looked_s = now_s
                 self._look_at(watched)
         for line in tuple(self._lines.values()):
             if line.server.failure is None:
                 self._on_line(line, WatchedLine.report)
-        self._rack.loop.call_later(LOOK_S, self._look)
+        # What looking takes is no part of the period, unless it takes most of it.
+        now_s = time.monotonic()
+        self._due_s = max(self._due_s + LOOK_S, now_s + LOOK_S / 2)
+        self._rack.loop.call_later(self._due_s - now_s, self._look)
 
     def _look_at(self, watched: _Watched) -> None:
         read = self._read(watched.device)
