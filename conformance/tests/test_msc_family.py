@@ -14,7 +14,7 @@ from axistwin_conformance.base.errors import TargetError, WrongDevice
 from axistwin_conformance.base.transcript import Direction, Record, last_exchange
 from axistwin_conformance.cli import conform
 from axistwin_conformance.core.family import Violation
-from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.session import Run, Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import ACK, NAK
 from axistwin_conformance.families.msc.driver import MscDriver
@@ -28,6 +28,12 @@ GROUNDS = ScratchArea(range(1024, 1400), range(128, 132))
 def session_of(port: TwinPort, **how: Any) -> Session:
     """A session between checks."""
     return session_on(port, **{"settings": GROUNDS, **how})
+
+
+def remembered(session: Session) -> tuple[Run, Session]:
+    """Its run, which has read what is to be put back, and a session of it that may write."""
+    session.run.memory = FAMILY.remember(session)
+    return session.run, Session(session.run, check_of("stored"))
 
 
 # --- who is there ---------------------------------------------------------------------------------
@@ -170,9 +176,7 @@ def test_what_was_written_is_put_back_and_nothing_else_is_touched(is_lossless: b
     port.flags = {129, 130}
     before = dict(port.data), set(port.flags)
     session = session_of(port, target=target_of(port, is_lossless=is_lossless))
-    run = session.run
-    run.memory = FAMILY.remember(session)
-    writing = Session(run, check_of("stored"))
+    run, writing = remembered(session)
     driver = MscDriver(writing)
     for body in (codec.dwrite(1396, 7), codec.dwrite(1028, 8), codec.sflag(131),
                  codec.cflag(129), codec.bwrite(1100, range(32))):  # fmt: skip
@@ -190,9 +194,7 @@ def test_what_cannot_be_put_back_is_told() -> None:
     """A value that changes by itself, or that the unit does not take any more."""
     port = TwinPort()
     session = session_of(port)
-    run = session.run
-    run.memory = FAMILY.remember(session)
-    writing = Session(run, check_of("stored"))
+    run, writing = remembered(session)
     for body in (codec.dwrite(1396, 7), codec.sflag(131)):
         assert FAMILY.forbid(writing, codec.packet(1, body)) is None
         MscDriver(writing).command(body)
@@ -207,9 +209,7 @@ def test_a_flag_that_is_refused_alone_is_put_back_as_it_is_told_among_all() -> N
     """The unit is not lost by that, and is accused of it: no reading has a flag among all only."""
     port = TwinPort()
     session = session_of(port)
-    run = session.run
-    run.memory = FAMILY.remember(session)
-    writing = Session(run, check_of("stored"))
+    run, writing = remembered(session)
     assert FAMILY.forbid(writing, codec.packet(1, codec.sflag(131))) is None
     MscDriver(writing).command(codec.sflag(131))
     served = port.served

@@ -170,8 +170,8 @@ class FrontApi:
 
     async def _gather(self, what: str) -> list[dict[str, Any]]:
         """What the lists of all workers have."""
-        asked = [get(each, f"/api/v1/{what}") for each in self._workforce.workers]
-        return list(chain.from_iterable(each[what] for each in await asyncio.gather(*asked)))
+        requests = [get(each, f"/api/v1/{what}") for each in self._workforce.workers]
+        return list(chain.from_iterable(each[what] for each in await asyncio.gather(*requests)))
 
     async def _metrics(self) -> Response:
         workers = self._workforce.workers

@@ -51,7 +51,7 @@ def can_byte_order(driver: CanDriver) -> Outcome:
     own = _raw(driver, 0x26)[TORQUE_AT]
     value, other = [torque for torque in TORQUES if torque != own][:2]
     # An answer that comes one late shows the first value after the second: what is taken for little
-    # by that alone sends every move astray.
+    # by that alone sends every move to a wrong place.
     tried = ((BIG, (value,)), (LITTLE, (value, other)))
     shown = []
     for order, values in tried:
