@@ -9,7 +9,7 @@ import psutil
 from daemon_process import Daemon, daemon, invoke
 
 
-def line_of(name: str, devices: str = "mac23", **more: object) -> str:
+def line_of(name: str, devices: str | list[str] = "mac23", **more: object) -> str:
     """A [[line]] with a pty called as itself."""
     keys = {"name": name, "devices": devices, "pty": f"./{name}", **more}
     return "[[line]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in keys.items())
