@@ -32,7 +32,6 @@ BYTE_NS = 1_000_000
 # Of processor time, for one chunk or wake-up: a twin whose fault makes it turn on the spot is no
 # device.
 LIMIT_S = 5.0
-MOST_WAKES = 10_000  # of a device, within the time of one byte
 ENOUGH_LOOKS = 2  # one reading may be noise
 SWING = 100  # increments: an axis may swing, or be slow to stop, by fewer
 
@@ -117,7 +116,6 @@ class WrongDevice:
         self._before: dict[str, bytes] = {}  # the last of each sort
         self._first: dict[str, bytes] = {}
         self._held: list[Any] = []
-        self._woken_from_ns, self._wakes = 0, 0
         self._due: list[tuple[int, Callable[[int], list[Any]]]] = []
         self._sent: dict[Any, Any] = {}  # frame as it left → as the twin made it
         rate = fault.amount if fault.part == "clock" else 1000
@@ -167,18 +165,10 @@ class WrongDevice:
             found += self._out(self._guarded(self._inner.wake, self._own(now)), now)
         self._tally.look(self._inner, self._own(now))
         due = self.next_event()
-        is_now = due is not None and due <= now
-        if (is_now or self._is_hasty(now)) and not self._tally.crash:
+        if due is not None and due <= now and not self._tally.crash:
             self._tally.crash = UNENDING  # the schedule would say so in words of its own
             raise RuntimeError(UNENDING)
         return found
-
-    def _is_hasty(self, now: int) -> bool:
-        """Whether it wants to be woken so often that a run gets no further."""
-        if now - self._woken_from_ns > BYTE_NS:
-            self._woken_from_ns, self._wakes = now, 0
-        self._wakes += 1
-        return self._wakes > MOST_WAKES
 
     def power_off(self, now: int) -> list[Any]:
         """As the twin."""
