@@ -1,15 +1,19 @@
 """The program ``axistwin`` where nobody reads what it says, and words are out of bounds."""
 
+import contextlib
 import fcntl
 import json
 import os
+import signal
 import socket
+import time
 from pathlib import Path
 
 import pytest
 import serial
 from daemon_process import TIMEOUT_S, assert_one_clear_line, daemon, invoke
 from mac_frames import request
+from served import eventually
 
 pytestmark = pytest.mark.system
 
@@ -27,6 +31,59 @@ def test_a_capture_to_a_pipe_that_nobody_reads_is_one_clear_line(tmp_path: Path)
     result = invoke("run", "mac23", "--pty", link, "--capture", pipe)
     assert_one_clear_line(result, "pipe", "nobody reads it")
     assert not os.path.lexists(link)
+
+
+READING = (("decode", "mac23", "pipe"), ("replay", "pipe", "--against", "mac23"))
+SIGNALS = ((signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM))
+
+
+@pytest.mark.parametrize("words", READING)
+def test_a_pipe_is_waited_for_until_somebody_has_written(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    """As cat does: whoever writes may come later."""
+    os.mkfifo(tmp_path / "pipe")
+    writers = []
+
+    def is_waited_for() -> bool:
+        with contextlib.suppress(OSError):
+            writers.append(os.open(tmp_path / "pipe", os.O_WRONLY | os.O_NONBLOCK))
+        return bool(writers)
+
+    with daemon(tmp_path, *words[1:], command=words[0]) as process:
+        assert eventually(is_waited_for)
+        os.write(writers[0], b"1.0 > 06 13 17\n")
+        os.close(writers[0])
+        out, err = process.process.communicate(timeout=TIMEOUT_S)
+    assert not err
+    assert "06 13 17" in out or "1 exchange, mac23 says the same" in out
+
+
+@pytest.mark.parametrize(("number", "status"), SIGNALS)
+@pytest.mark.parametrize("words", READING)
+def test_waiting_for_a_pipe_ends_by_a_signal(
+    words: tuple[str, ...], number: signal.Signals, status: int, tmp_path: Path
+) -> None:
+    """By Ctrl-C with 130, without a word, though nobody ever writes."""
+    os.mkfifo(tmp_path / "pipe")
+    program = ("-X", "importtime", "-m", "axistwin")
+    with daemon(tmp_path, *words[1:], command=words[0], program=program) as process:
+        assert process.process.stderr is not None
+        lines = iter(process.process.stderr.readline, "")
+        assert any("axistwin.catalog" in line for line in lines)
+        time.sleep(0.2)  # it opens the pipe soon; before that a signal does the same
+        ended = process.end(number)
+    told = [line for line in ended[2].split("\n") if line and not line.startswith("import time:")]
+    assert (ended[:2], told) == ((status, ""), [])
+
+
+def test_a_rack_does_not_wait_for_a_pipe_instead_of_its_file(tmp_path: Path) -> None:
+    """One clear line: it would read it again at SIGHUP, while its lines wait."""
+    os.mkfifo(tmp_path / "pipe")
+    with daemon(tmp_path, "pipe", command="rack") as process:
+        out, err = process.process.communicate(timeout=TIMEOUT_S)
+    told = "axistwin: rack pipe: this is a pipe from which nothing comes; give a file\n"
+    assert (process.process.returncode, out, err) == (2, "", told)
 
 
 def test_a_capture_into_a_pipe_whose_reader_sleeps_stops_nobody(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def twin(folder: Path) -> Iterator[tuple[Daemon, serial.SerialBase]]:
 def stored(folder: Path) -> Iterator[Served]:
     """What the twin stores."""
     with twin(folder) as (process, port):
-        yield Served(process.process.pid, [MacMemory(port)])
+        yield Served([process.process.pid], [MacMemory(port)])
 
 
 @pytest.mark.strength(seconds=70)

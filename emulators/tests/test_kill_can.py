@@ -40,7 +40,7 @@ def twins(folder: Path) -> Iterator[tuple[Daemon, can.BusABC]]:
 def stored(folder: Path) -> Iterator[Served]:
     """What the modules store."""
     with twins(folder) as (process, bus):
-        yield Served(process.process.pid, [CanMemory(bus, MODULES)])
+        yield Served([process.process.pid], [CanMemory(bus, MODULES)])
 
 
 @pytest.mark.strength(seconds=30)

@@ -20,7 +20,7 @@ def stored(folder: Path) -> Iterator[Served]:
     with daemon(folder, *arguments) as process:
         assert process.event()["event"] == "ready"
         with serial.Serial(str(folder / "pty"), 9600, timeout=TIMEOUT_S) as port:
-            yield Served(process.process.pid, [Mn400Memory(port)])
+            yield Served([process.process.pid], [Mn400Memory(port)])
 
 
 @pytest.mark.strength(seconds=10)

@@ -26,7 +26,7 @@ def stored(folder: Path) -> Iterator[Served]:
     with daemon(folder, *arguments) as process:
         assert process.event()["event"] == "ready"
         with serial.Serial(str(folder / "pty"), 9600, timeout=TIMEOUT_S) as port:
-            yield Served(process.process.pid, [MscMemory(port)])
+            yield Served([process.process.pid], [MscMemory(port)])
 
 
 def test_nothing_acknowledged_is_lost_when_the_daemon_is_killed_60_times(tmp_path: Path) -> None:

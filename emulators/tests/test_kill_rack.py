@@ -8,8 +8,9 @@ from pathlib import Path
 import can
 import pytest
 import serial
-from daemon_process import TIMEOUT_S, daemon
+from daemon_process import TIMEOUT_S, Daemon
 from kill_rounds import Served, survive_kills
+from rack_process import next_event, ready, reload, serve, workers_of
 from stored_values import CanMemory, MacMemory, Mn400Memory, MscMemory, StoredValues
 
 pytestmark = pytest.mark.strength
@@ -46,33 +47,65 @@ pacing = false
 DEVICES = 7
 
 
+ALTERED = RACK.replace("pacing = false", "pacing = false\nseed = 1")
+"""Every line anew, with the memory that it had."""
+LINES = {"rs485", "msc", "mn400", "can"}
+
+
 @contextlib.contextmanager
-def stored(folder: Path) -> Iterator[Served]:
-    """What all devices of the rack store; killed in the end."""
-    (folder / "rack.toml").write_text(RACK)
+def values_in(folder: Path) -> Iterator[list[StoredValues]]:
+    """What all devices of a rack that is served there store."""
     with contextlib.ExitStack() as stack:
-        process = stack.enter_context(daemon(folder, "rack.toml", "--json", command="rack"))
-        assert [process.event()["event"] for _ in range(DEVICES)] == ["ready"] * DEVICES
 
         def port(name: str, rate: int) -> serial.Serial:
             path = str(folder / name)
             return stack.enter_context(serial.Serial(path, rate, timeout=TIMEOUT_S))
 
         bus = can.Bus(interface="slcan", channel=str(folder / "can"), sleep_after_open=0)
-        memories: list[StoredValues] = [
-            MacMemory(port("rs485", 38400), (0, 5, 6)),
-            MscMemory(port("msc", 9600)),
-            Mn400Memory(port("mn400", 9600)),
-            CanMemory(bus, (1, 2)),
-        ]
         try:
-            yield Served(process.process.pid, memories)
+            yield [
+                MacMemory(port("rs485", 38400), (0, 5, 6)),
+                MscMemory(port("msc", 9600)),
+                Mn400Memory(port("mn400", 9600)),
+                CanMemory(bus, (1, 2)),
+            ]
         finally:
             with contextlib.suppress(can.CanError, OSError):  # it is gone
                 bus.shutdown()
 
 
-@pytest.mark.strength(seconds=15)
-def test_nothing_acknowledged_is_lost_when_a_busy_rack_is_killed(tmp_path: Path) -> None:
+@contextlib.contextmanager
+def stored(folder: Path, workers: int) -> Iterator[Served]:
+    """A rack of its own, by so many workers; killed in the end, of which no worker is left."""
+    with serve(folder, RACK, workers) as rack:
+        ready(rack, DEVICES)
+        with values_in(folder) as memories:
+            yield Served([rack.process.pid], memories)
+
+
+@contextlib.contextmanager
+def stored_again(folder: Path, rack: Daemon) -> Iterator[Served]:
+    """A rack that goes on, of which a worker is killed; SIGHUP then begins every line again."""
+    with values_in(folder) as memories:
+        yield Served([each.pid for each in workers_of(rack)], memories)
+    next_event(rack, "line_failed")
+    served = (folder / "rack.toml").read_text()
+    assert set(reload(rack, folder, ALTERED if served == RACK else RACK)["added"]) == LINES
+
+
+@pytest.mark.strength(seconds=40)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_nothing_acknowledged_is_lost_when_a_busy_rack_is_killed(
+    tmp_path: Path, workers: int
+) -> None:
     """Every value whose write was acknowledged, on any model, is read back after a restart."""
-    survive_kills(partial(stored, tmp_path), sample=4, seed=20170523)
+    survive_kills(partial(stored, tmp_path, workers), sample=4, seed=20170523)
+
+
+@pytest.mark.strength(seconds=15)
+def test_nothing_acknowledged_is_lost_when_a_busy_worker_is_killed(tmp_path: Path) -> None:
+    """Nor of what the other one serves; all is read back when the rack has begun it again."""
+    with serve(tmp_path, RACK, 2) as rack:
+        ready(rack, DEVICES)
+        survive_kills(partial(stored_again, tmp_path, rack), sample=4, seed=20170524)
+        assert rack.end()[0] == 0

@@ -1,12 +1,14 @@
-"""The front panel in a browser: the axis and its switches, the supply, keyboard, width, token."""
+"""The front panel in a browser: keyboard, width, token; and of racks, by one process or several."""
 
 import re
 import shutil
 from collections.abc import Iterator
-from typing import Any, Literal, cast
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from daemon_process import Daemon, invoke
 from playwright.sync_api import (
     Browser,
     BrowserContext,
@@ -15,17 +17,37 @@ from playwright.sync_api import (
     expect,
     sync_playwright,
 )
+from rack_process import line_of, next_event, ready, reload, serve, workers_of
 from served_control import TIMEOUT_S, ServedControl
 
 from axistwin.catalog import find_model
 from axistwin.control.panel import HEADERS, read_page
 from axistwin.kernel.time import NS_PER_S
-from axistwin.runtime.line import Line
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 TOKEN = "+/0123456789abcdef=?"
 BOARD = "mn400:1"
-POSITION = b"\x0201400200000000000A2\x03"
+
+RACK = (
+    '[control]\naddress = "127.0.0.1:0"\n'
+    + line_of("press", ["mac23:0", "mac34-1:5"])
+    + line_of("saw", "msc-250")
+    + line_of("board", "mn400")
+)
+
+
+class Rack(NamedTuple):
+    """A rack that is served, with its lines in ``folder``."""
+
+    folder: Path
+    process: Daemon
+    url: str
+
+    def send(self, line: str, model: str, *texts: str, timeout_s: float = TIMEOUT_S) -> bool:
+        """Whether all that a host says there is answered."""
+        port, patience = str(self.folder / line), ("--timeout", str(timeout_s))
+        return invoke("send", port, "--model", model, *patience, *texts).exit_code == 0
+
 
 pytestmark = [
     pytest.mark.system,
@@ -95,57 +117,6 @@ def test_all_devices_are_shown_with_what_they_do(page: Page, served: ServedContr
     expect(page.get_by_role("link", name="mac34-1:5")).not_to_contain_text("power off")
 
 
-def test_a_limit_switch_stops_the_axis(page: Page) -> None:
-    """It is jogged from the panel, the charts follow, and at the switch it stands."""
-    show(page, BOARD)
-    rates = page.locator("[data-reading='step_rates']")
-    switch(page, "inputs.run_jog")
-    switch(page, "inputs.jog_m1_plus")
-    expect(rates).not_to_have_text("0, 0, 0, 0")
-    expect(page.locator(".chart canvas")).to_have_count(2)
-    switch(page, "inputs.m1_plus")
-    expect(rates).to_have_text("0, 0, 0, 0")
-    expect(page.locator("[data-reading='counters']")).not_to_have_text("0, 0, 0, 0")
-    for control in ("inputs.m1_plus", "inputs.jog_m1_plus", "inputs.run_jog"):
-        switch(page, control)
-
-
-def test_a_fault_on_the_wire_is_added_counted_and_removed(
-    page: Page, served: ServedControl
-) -> None:
-    """Two replies are lost: the retries are counted, and stand in the events."""
-    show(page, "mac34-1:5")
-    form = page.get_by_role("form", name="Add a fault")
-    form.get_by_label("Kind").select_option("drop")
-    form.get_by_label("Direction").select_option("to_host")
-    form.get_by_label("Times").fill("2")
-    form.get_by_role("button", name="Add").click()
-    done = page.locator("[data-fault]")
-    expect(done).to_have_text("seen 0, acted 0")
-    line = cast(Line, served.lines[0])
-    for _ in range(3):  # a program that asks again
-        line.exchange(POSITION)
-        line.advance(50_000_000)
-    expect(done).to_contain_text("seen 2, acted 2, over; lost: 06 13")
-    expect(page.locator(".log")).to_contain_text("lost: 06 13")
-    page.get_by_role("button", name="Remove fault").click()
-    expect(done).to_have_count(0)
-    form.get_by_label("Kind").select_option("error_frame")
-    form.get_by_role("button", name="Add").click()
-    expect(page.locator("#problem")).to_contain_text("not for a serial line")
-
-
-def test_the_supply_is_cut_and_restored(page: Page) -> None:
-    """By the switch, and by the button that does both; the state tells it."""
-    show(page, "mac23:0")
-    switch(page, "power")
-    expect(page.locator("#state")).to_have_text("power off")
-    switch(page, "power")
-    expect(page.locator("#state")).not_to_have_text("power off")
-    page.get_by_role("button", name="Off and on").click()
-    expect(page.locator("#notice")).to_have_text("Power is on")
-
-
 def test_a_field_is_set_and_a_wrong_value_is_explained(page: Page, served: ServedControl) -> None:
     """The browser lets none through; what the daemon answers stands in the alert."""
     show(page, "mac23:0")
@@ -212,34 +183,6 @@ def say(served: ServedControl, line: str, *texts: str) -> None:
         simulation.send(family.compose(text, device.twin.address))
         while len(simulation.messages) < before + 2 or not is_whole(simulation):
             simulation.receive()
-
-
-def test_traffic_is_shown_filtered_and_searched(page: Page, served: ServedControl) -> None:
-    """In hex and in words, by device; what was said before is there, too."""
-    say(served, BOARD, "E")
-    show_traffic(page, BOARD)
-    rows = page.locator(".traffic .message")
-    expect(rows.filter(has_text="ReadPosition (board 1)")).to_have_count(1)
-    say(served, BOARD, "S", "?")
-    expect(rows.filter(has_text="LimitStatus (board 1)")).to_have_count(1)
-    expect(rows.filter(has_text="81 53 81 55").locator(".whose")).to_have_text("1")
-    expect(page.get_by_role("region", name="Traffic").get_by_role("status")).to_have_text("")
-    page.get_by_label("Direction").select_option("from the host")
-    expect(rows.filter(has_text="START")).to_have_count(0)
-    page.get_by_label("Direction").select_option("both ways")
-    for text in ("8153", "81 53", "limitstatus"):
-        page.get_by_label("Show only").fill(text)
-        expect(rows.filter(has_text="LimitStatus (board 1)")).to_have_count(1)
-        expect(rows.filter(has_text="ReadPosition")).to_have_count(0)
-    page.get_by_label("Show only").fill("")
-    page.get_by_label("Search").fill("readposition")
-    page.get_by_role("button", name="Previous").click()
-    expect(page.locator(".detail")).to_contain_text("ReadPosition: START")
-    page.get_by_role("button", name="Previous").click()
-    expect(page.locator(".detail")).to_contain_text("from the host")
-    expect(page.locator("[aria-selected='true']")).to_have_count(1)
-    page.get_by_role("listbox").press("ArrowDown")
-    expect(page.locator(".detail")).to_contain_text("from a device")
 
 
 def test_a_pause_loses_no_message(page: Page, served: ServedControl) -> None:
@@ -409,3 +352,145 @@ def test_a_daemon_with_a_token_is_worked_with_it(context: BrowserContext) -> Non
         show(page, "mac23:0")
         switch(page, "inputs.reset")
         context.close()
+
+
+# -- of a rack, by one process or behind the front of several ------------------------------------
+
+
+@pytest.fixture(scope="module", params=[1, 2], ids=["one_process", "two_workers"])
+def rack(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Rack]:
+    """A rack that a user has started."""
+    folder = tmp_path_factory.mktemp("rack")
+    with serve(folder, RACK, request.param) as process:
+        yield Rack(folder, process, next(iter(ready(process, 4).values()))["control"])
+
+
+@pytest.fixture
+def rack_page(context: BrowserContext, rack: Rack) -> Page:
+    """Its panel."""
+    page = context.new_page()
+    page.goto(f"{rack.url}/")
+    expect(page.locator(".card")).to_have_count(4)
+    return page
+
+
+def test_a_limit_switch_stops_the_axis(rack_page: Page) -> None:
+    """It is jogged from the panel, the charts follow, and at the switch it stands."""
+    show(rack_page, "mn400:1@board")
+    rates = rack_page.locator("[data-reading='step_rates']")
+    switch(rack_page, "inputs.run_jog")
+    switch(rack_page, "inputs.jog_m1_plus")
+    expect(rates).not_to_have_text("0, 0, 0, 0")
+    expect(rack_page.locator(".chart canvas")).to_have_count(2)
+    switch(rack_page, "inputs.m1_plus")
+    expect(rates).to_have_text("0, 0, 0, 0")
+    expect(rack_page.locator("[data-reading='counters']")).not_to_have_text("0, 0, 0, 0")
+    for control in ("inputs.m1_plus", "inputs.jog_m1_plus", "inputs.run_jog"):
+        switch(rack_page, control)
+
+
+def test_the_supply_is_cut_and_restored(rack_page: Page) -> None:
+    """By the switch, and by the button that does both; the state tells it."""
+    show(rack_page, "mac23:0@press")
+    switch(rack_page, "power")
+    expect(rack_page.locator("#state")).to_have_text("power off")
+    switch(rack_page, "power")
+    expect(rack_page.locator("#state")).not_to_have_text("power off")
+    rack_page.get_by_role("button", name="Off and on").click()
+    expect(rack_page.locator("#notice")).to_have_text("Power is on")
+
+
+def test_a_fault_on_the_wire_is_added_counted_and_removed(rack_page: Page, rack: Rack) -> None:
+    """Two replies are lost: the retries are counted, and stand in the events."""
+    show(rack_page, "mac34-1:5@press")
+    form = rack_page.get_by_role("form", name="Add a fault")
+    form.get_by_label("Kind").select_option("drop")
+    form.get_by_label("Direction").select_option("to_host")
+    form.get_by_label("Times").fill("2")
+    form.get_by_role("button", name="Add").click()
+    done = rack_page.locator("[data-fault]")
+    expect(done).to_have_text("seen 0, acted 0")
+    for _ in range(2):
+        assert not rack.send("press", "mac34-1", "position? -> module 5", timeout_s=0.2)
+    assert rack.send("press", "mac34-1", "position? -> module 5")
+    expect(done).to_contain_text("seen 2, acted 2, over; lost: 06 13")
+    expect(rack_page.locator(".log")).to_contain_text("lost: 06 13")
+    rack_page.get_by_role("button", name="Remove fault").click()
+    expect(done).to_have_count(0)
+    form.get_by_label("Kind").select_option("error_frame")
+    form.get_by_role("button", name="Add").click()
+    expect(rack_page.locator("#problem")).to_contain_text("not for a serial line")
+
+
+def test_traffic_is_shown_filtered_and_searched(rack_page: Page, rack: Rack) -> None:
+    """In hex and in words, by device; what was said before is there, too."""
+    assert rack.send("board", "mn400", "E")
+    show_traffic(rack_page, "board")
+    rows = rack_page.locator(".traffic .message")
+    expect(rows.filter(has_text="ReadPosition (board 1)")).to_have_count(1)
+    assert rack.send("board", "mn400", "S", "?")
+    expect(rows.filter(has_text="LimitStatus (board 1)")).to_have_count(1)
+    expect(rows.filter(has_text="81 53 81 55").locator(".whose")).to_have_text("1")
+    traffic = rack_page.get_by_role("region", name="Traffic")
+    expect(traffic.get_by_role("status")).to_have_text("")
+    rack_page.get_by_label("Direction").select_option("from the host")
+    expect(rows.filter(has_text="START")).to_have_count(0)
+    rack_page.get_by_label("Direction").select_option("both ways")
+    for text in ("8153", "81 53", "limitstatus"):
+        rack_page.get_by_label("Show only").fill(text)
+        expect(rows.filter(has_text="LimitStatus (board 1)")).to_have_count(1)
+        expect(rows.filter(has_text="ReadPosition")).to_have_count(0)
+    rack_page.get_by_label("Show only").fill("")
+    rack_page.get_by_label("Search").fill("readposition")
+    rack_page.get_by_role("button", name="Previous").click()
+    detail = rack_page.locator(".detail")
+    expect(detail).to_contain_text("ReadPosition: START")
+    rack_page.get_by_role("button", name="Previous").click()
+    expect(detail).to_contain_text("from the host")
+    expect(rack_page.locator("[aria-selected='true']")).to_have_count(1)
+    rack_page.get_by_role("listbox").press("ArrowDown")
+    expect(detail).to_contain_text("from a device")
+
+
+def test_what_is_shown_follows_a_reload(rack_page: Page, rack: Rack) -> None:
+    """A line that comes, one that goes, and the device that is shown, which begins anew."""
+    device = rack_page.context.new_page()
+    device.goto(f"{rack.url}/")
+    show(device, "msc-250:1@saw")
+    switch(device, "power")
+    state = device.locator("#state")
+    expect(state).to_have_text("power off")
+    changed = RACK.replace('name = "saw"', 'name = "saw"\nseed = 1') + line_of("drill")
+    assert reload(rack.process, rack.folder, changed)["added"] == ["saw", "drill"]
+    expect(state).to_have_text("no program")
+    expect(device.get_by_role("alert").filter(has_text="Not served")).to_have_count(0)
+    switch(device, "power")
+    expect(rack_page.get_by_role("heading", name="Line of drill")).to_have_count(1)
+    expect(rack_page.get_by_role("link", name="msc-250:1@saw")).to_contain_text("power off")
+    assert reload(rack.process, rack.folder, RACK)["added"] == ["saw"]
+    expect(rack_page.get_by_role("heading", name="Line of drill")).to_have_count(0)
+
+
+@pytest.mark.parametrize("rack", [2], indirect=True)
+def test_a_worker_that_is_killed_and_begun_again_is_seen(rack_page: Page, rack: Rack) -> None:
+    """On all pages its line has failed, with the reason; they go on with the new one."""
+    pages = [rack_page, rack_page.context.new_page(), rack_page.context.new_page()]
+    for page in pages[1:]:
+        page.goto(f"{rack.url}/")
+    show(pages[1], "mac23:0@press")
+    show_traffic(pages[2], "press")
+    workers_of(rack.process)[0].kill()
+    assert next_event(rack.process, "line_failed")["line"] == "press"
+    told = "Not served any more: worker 0 has ended (SIGKILL); SIGHUP begins it again"
+    for page in pages:
+        expect(page.get_by_role("alert").filter(has_text=told)).to_have_count(1)
+    assert reload(rack.process, rack.folder, RACK)["added"] == ["press"]
+    for page in pages:
+        expect(page.get_by_role("alert").filter(has_text="Not served")).to_have_count(0)
+    switch(pages[1], "power")
+    expect(rack_page.get_by_role("link", name="mac23:0@press")).to_contain_text("power off")
+    assert rack.send("press", "mac34-1", "position? -> module 5")
+    rows = pages[2].locator(".traffic .message")
+    expect(rows).not_to_have_count(0)

@@ -1,5 +1,6 @@
 """What is wrong in a rack file is told with its line."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -93,6 +94,15 @@ def test_a_file_that_cannot_be_read_is_told(tmp_path: Path) -> None:
     """With the command that writes one."""
     result = invoke("rack", str(tmp_path / "none.toml"))
     assert_one_clear_line(result, "cannot be read (No such file", "axistwin rack --init")
+
+
+def test_a_pipe_is_read() -> None:
+    """As a shell's <(...) gives it."""
+    reader, writer = os.pipe()
+    os.write(writer, LINE.encode())
+    os.close(writer)
+    assert invoke("rack", "--check", f"/dev/fd/{reader}").exit_code == 0
+    os.close(reader)
 
 
 def test_the_example_that_is_written_has_no_mistakes(tmp_path: Path) -> None:

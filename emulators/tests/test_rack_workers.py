@@ -16,8 +16,8 @@ from urllib.parse import quote
 import psutil
 import pytest
 from control_tls_files import Files
-from daemon_process import TIMEOUT_S, Daemon, assert_one_clear_line, daemon, invoke
-from rack_process import answers, line_of, ready, reload, serve
+from daemon_process import TIMEOUT_S, assert_one_clear_line, daemon, invoke
+from rack_process import answers, line_of, next_event, ready, reload, serve, workers_of
 from served import eventually
 
 from axistwin.control.client import ControlClient
@@ -30,21 +30,9 @@ TOKEN = "0123456789abcdef0123456789abcdef"
 FAULT = {"kind": "drop", "direction": "to_host", "count": 2}
 
 
-def workers_of(rack: Daemon) -> list[psutil.Process]:
-    """In the order of their numbers."""
-    return sorted(psutil.Process(rack.process.pid).children(), key=lambda each: each.pid)
-
-
 def is_over(process: psutil.Process) -> bool:
     """Whether it has ended."""
     return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
-
-
-def next_event(rack: Daemon, kind: str) -> dict[str, Any]:
-    """The next one of that kind."""
-    while (event := rack.event())["event"] != kind:
-        pass
-    return event
 
 
 # -- as with one process -----------------------------------------------------------------------

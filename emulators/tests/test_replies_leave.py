@@ -5,7 +5,7 @@ import os
 import socket
 import termios
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from mac_frames import request
 from paused_system import PausedSystem, Script, received
+from uhid_socket import SocketPort, in_report, out_event
 
 from axistwin.catalog import build_bus, build_line, parse_device
 from axistwin.kernel.time import NS_PER_MS, Nanos
@@ -97,13 +98,14 @@ def is_answered(heard: bytes) -> bool:
 
 def heard(
     system: PausedSystem, fd: int, is_complete: Callable[[bytes], bool], patience_ns: Nanos
-) -> Script:
-    """Wait until what has come is complete, but not for longer than that."""
+) -> Generator[None, None, bytes]:
+    """Wait until what has come is complete, but not for longer than that; all of it."""
     begin_ns, data = system.waited_ns, received(fd)
     while not is_complete(data):
         yield
         data += received(fd)
         assert system.waited_ns - begin_ns <= patience_ns, f"a reply is kept behind {data!r}"
+    return data
 
 
 def asking(system: PausedSystem, port: LinePort) -> Script:
@@ -215,3 +217,28 @@ def test_no_reply_on_a_bus_waits_for_another_frame(
         port = bus_port(kind, tmp_path)
         script = uploading(system, port, kind.removesuffix("-tcp"))
         system.run(BusServer(bus, [port], loop=system.loop), script)
+
+
+REPORTS = {b"E": b"E0,0,0,0", b"E1": b"E0,0,0,0,0"}
+
+
+def reading_reports(system: PausedSystem, port: SocketPort) -> Script:
+    """Questions that are answered at once, and later by the board itself, one by one and many."""
+    fd = port.kernel.fileno()
+    for asked in [[b"E", b"E1"]] * EXCHANGES + [[b"E"] * 20]:
+        for text in asked:
+            os.write(fd, out_event(text))
+        for text in asked:
+            event = yield from heard(system, fd, bool, REPLY_NS)
+            assert in_report(event) == REPORTS[text]
+
+
+@SEEDS
+@OFTEN
+@PACING
+def test_no_report_waits_for_another_one(paced: bool, system: PausedSystem) -> None:
+    """A board on USB, whose E1 measures for 100 ms; there is a socket in the kernel's place."""
+    port = SocketPort()
+    clock = PacedClock(source=system.source)
+    with port.kernel, build_line([parse_device("mn400")], clock=clock, paced=paced) as line:
+        system.run(Server(line, [port], loop=system.loop), reading_reports(system, port))

@@ -1,7 +1,6 @@
 """The port behind /dev/uhid, with a socket in the kernel's place."""
 
 import os
-import socket
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from typing import Any
 import pytest
 from daemon_process import assert_one_clear_line, invoke
 from served import TIMEOUT_S, eventually
+from uhid_socket import SocketPort
 
 from axistwin import catalog
 from axistwin.errors import PortError
@@ -23,35 +23,6 @@ from axistwin.runtime.serving.rack import Rack
 pytestmark = pytest.mark.system
 
 OPEN, CLOSE = struct.pack("=I", 4), struct.pack("=I", 5)
-
-
-class SocketPort(UhidPort):
-    """What it tells the kernel comes out of ``kernel``."""
-
-    def __init__(self, device_index: int = 0) -> None:
-        usb = catalog.find_model("mn400").usb
-        assert usb is not None
-        super().__init__(device_index, "mn400:1", usb)
-        self.kernel, self._ours = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.kernel.settimeout(TIMEOUT_S)
-
-    def open(self) -> None:
-        """As if the kernel had made a node."""
-        os.set_blocking(self._ours.fileno(), False)
-        self._fd = self._ours.detach()
-        self.url = "/dev/hidraw7"
-
-    def tell(self, text: bytes) -> None:
-        """An OUT report, as hidraw hands it on."""
-        report = b"\0" + text.ljust(64, b"\0")
-        self.kernel.send(struct.pack("=I4096sHB", 6, report, len(report), 1))
-
-    def heard(self) -> bytes:
-        """The next IN report, without its padding."""
-        event = self.kernel.recv(EVENT_BYTES)
-        number, size = struct.unpack_from("=IH", event)
-        assert (number, size, len(event)) == (12, 64, 70)
-        return event[6:].rstrip(b"\0")
 
 
 @contextmanager

@@ -3,8 +3,8 @@
 Commands are imported when they are used, so that ``axistwin run`` starts fast.  Other
 distributions add commands through the entry point group ``axistwin.commands``.
 
-Exit status: 0 done, 2 the user's mistake (one line on stderr), 70 a bug of ours (a traceback).
-Commands may define others.
+Exit status: 0 done, 2 the user's mistake (one line on stderr), 70 a bug of ours (a traceback), 130
+Ctrl-C.  Commands may define others.
 """
 
 from __future__ import annotations

@@ -27,9 +27,12 @@ GONE = (OSError, EOFError)
 
 
 class Served(NamedTuple):
-    """A daemon, and clients of what it stores: one for each of its lines, all busy at once."""
+    """A daemon, and clients of what it stores: one for each of its lines, all busy at once.
 
-    pid: int
+    processes: one of them is killed; what others serve goes on.
+    """
+
+    processes: Sequence[int]
     memories: Sequence[StoredValues]
 
 
@@ -46,8 +49,9 @@ class Killer:
     """
 
     def __init__(self, pid: int, rng: random.Random) -> None:
+        self.has_killed = False
         delay_s = rng.uniform(0.0, LATEST_KILL_S)
-        self._timer = threading.Timer(delay_s, os.kill, (pid, signal.SIGKILL))
+        self._timer = threading.Timer(delay_s, self._kill, (pid,))
         self._left = rng.randrange(MOST_WRITES)
         self._lock = threading.Lock()
         if not self._left:
@@ -64,6 +68,10 @@ class Killer:
         """Wait until it has killed."""
         assert self._left <= 0, "a write was refused, though nothing was killed"
         self._timer.join()
+
+    def _kill(self, pid: int) -> None:
+        os.kill(pid, signal.SIGKILL)
+        self.has_killed = True
 
 
 def survive_kills(start: Start, sample: int, seed: int) -> None:
@@ -82,8 +90,8 @@ def survive_kills(start: Start, sample: int, seed: int) -> None:
                 for cell, value in found.items():
                     assert value in values[cell], (round_number, cell, hex(value))
             draws = [random.Random(rng.getrandbits(64)) for _ in now]
-            killer = Killer(served.pid, rng)
-            begin = partial(_write_until_killed, acknowledged=killer.count)
+            killer = Killer(rng.choice(served.processes), rng)
+            begin = partial(_write_until_killed, killer=killer)
             with ThreadPoolExecutor(len(now)) as clients:
                 ends = list(clients.map(begin, served.memories, draws, now))
             killer.join()
@@ -98,16 +106,16 @@ def _write_until_killed(
     memory: StoredValues,
     rng: random.Random,
     known: dict[int, int],
-    acknowledged: Callable[[], None],
+    killer: Killer,
 ) -> tuple[Values, int]:
-    """Write random values until the daemon dies.
+    """Write random values until the process that serves this dies, or another one has been killed.
 
     The values that each cell may hold afterwards, and how many writes were acknowledged.
     """
     admissible = {cell: {value} for cell, value in known.items()}
     count = 0
     with contextlib.suppress(*GONE):
-        while True:
+        while not killer.has_killed:
             cell = rng.choice(list(known))
             value = rng.getrandbits(31)  # positive, so that it reads back as written
             admissible[cell].add(value)
@@ -115,5 +123,5 @@ def _write_until_killed(
                 break
             admissible[cell] = {value}
             count += 1
-            acknowledged()
+            killer.count()
     return admissible, count

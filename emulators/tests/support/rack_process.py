@@ -5,10 +5,11 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import psutil
 from daemon_process import Daemon, daemon, invoke
 
 
-def line_of(name: str, devices: str = "mac23", **more: object) -> str:
+def line_of(name: str, devices: str | list[str] = "mac23", **more: object) -> str:
     """A [[line]] with a pty called as itself."""
     keys = {"name": name, "devices": devices, "pty": f"./{name}", **more}
     return "[[line]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in keys.items())
@@ -26,6 +27,18 @@ def ready(rack: Daemon, count: int) -> dict[str, dict[str, Any]]:
     events = [rack.event() for _ in range(count)]
     assert [event["event"] for event in events] == ["ready"] * count, events
     return {event["device"]: event for event in events}
+
+
+def next_event(rack: Daemon, kind: str) -> dict[str, Any]:
+    """The next one of that kind."""
+    while (event := rack.event())["event"] != kind:
+        pass
+    return event
+
+
+def workers_of(rack: Daemon) -> list[psutil.Process]:
+    """In the order of their numbers, as far as none has been begun again."""
+    return sorted(psutil.Process(rack.process.pid).children(), key=lambda each: each.pid)
 
 
 def answers(link: Path, model: str = "mac23") -> bool:

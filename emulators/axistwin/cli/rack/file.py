@@ -3,10 +3,11 @@
 Needs pydantic, of the extra ``control``.
 """
 
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from reprlib import repr as shown
 from typing import Annotated, Any, Final, TypeAlias
 
@@ -199,8 +200,11 @@ class RackText:
 
 def _read(path: str) -> str:
     try:
-        with Path(path).open("rb") as file:
+        with open(path, "rb", opener=_open_at_once) as file:
             data = file.read(FILE_BYTES_MAX + 1)
+            is_pipe = stat.S_ISFIFO(os.fstat(file.fileno()).st_mode)
+        if is_pipe and not data:
+            raise UsageError(f"rack {path}: this is a pipe from which nothing comes; give a file")
         if len(data) > FILE_BYTES_MAX:
             raise RackFileError([f"{path}:1: it has more than {FILE_BYTES_MAX} bytes; split it"])
         return data.decode().replace("\r\n", "\n")
@@ -212,6 +216,13 @@ def _read(path: str) -> str:
             f"rack {path}: cannot be read ({reason}); "
             f"'axistwin rack --init {path}' writes an example"
         ) from None
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """A pipe without a writer is not waited for: at SIGHUP the lines would wait, too."""
+    descriptor = os.open(path, flags | os.O_NONBLOCK)
+    os.set_blocking(descriptor, True)
+    return descriptor
 
 
 # -- what is wrong -----------------------------------------------------------------------------

@@ -1,7 +1,8 @@
 // What the panel asks of the control API: requests, and events over the WebSocket.
 
 const TOKEN = "axistwin-token"; // kept until the tab is closed
-const COME_AGAIN_MS = 1000;
+export const COME_AGAIN_MS = 1000;
+const LET_GO = 4002; // how the daemon closes when lines have come or gone
 
 /** An answer that is an error; its message is for people, status is HTTP's (0: no answer). */
 export class ProblemError extends Error {
@@ -51,8 +52,9 @@ function protocols() {
 }
 
 /** Tell `hear` every event of `devices` and what goes over `lines` (all devices: none named), and
- *  `link` whether it is connected.  Comes again when it is cut.  Returns what ends it. */
-export function watch(devices, hear, link, lines = []) {
+ *  `page.link` whether it is connected.  Comes again when it is cut, with `page.renew` if what is
+ *  shown is no more what there is.  Returns what ends it. */
+export function watch(devices, hear, page, lines = []) {
   const query = new URLSearchParams([...devices.map((each) => ["device", each]), ...lines.map((each) => ["traffic", each])]);
   const url = new URL(`api/v1/events?${query}`, location.href);
   url.protocol = url.protocol.replace("http", "ws");
@@ -61,11 +63,11 @@ export function watch(devices, hear, link, lines = []) {
   let timer;
   function join() {
     socket = new WebSocket(url, protocols());
-    socket.onopen = () => link(true);
+    socket.onopen = () => page.link(true);
     socket.onmessage = (message) => hear(JSON.parse(message.data));
-    socket.onclose = () => {
-      link(false);
-      timer = setTimeout(join, COME_AGAIN_MS);
+    socket.onclose = ({ code }) => {
+      page.link(false);
+      timer = setTimeout(code === LET_GO ? page.renew : join, COME_AGAIN_MS);
     };
   }
   join();

@@ -4,18 +4,20 @@ import { getControls, getDevice, getState, switchPower, watch } from "./api.js";
 import { MotionCharts } from "./chart.js";
 import { makeControls, spread } from "./controls.js";
 import { attempt, make, seconds, shown, words, write } from "./dom.js";
+import { makeFailure } from "./failure.js";
 import { makeFaults } from "./faults.js";
 import { makeLog } from "./log.js";
 import { makeStatus } from "./status.js";
 
 const OFF_S = 0.5;
 
-export async function deviceView(wanted, link) {
+export async function deviceView(wanted, page) {
   const device = await getDevice(wanted);
   const [controls, state] = await Promise.all([getControls(device.name), getState(device.name)]);
   const rows = spread(controls, state.values);
   const values = { ...state.values };
-  const head = makeHead(device);
+  const failure = makeFailure(device.line);
+  const head = makeHead(device, failure.element);
   const charts = device.axes && new MotionCharts(device.axes);
   const status = makeStatus(controls);
   const isStatus = (each) => each.queue || each.bits.length;
@@ -38,18 +40,21 @@ export async function deviceView(wanted, link) {
       show(event.time_ns, event.control in values ? { [event.control]: event.value } : {}); // the charts wait for all values
       log.add(seconds(event.time_ns), `${words(event.control)}: ${event.value === null ? "done" : `set to ${shown(event.value)}`}`);
     } else if (event.event === "told") log.add(seconds(event.time_ns), event.text);
-    else if (event.line === device.line) log.add("", faults.hear(event) ?? words(event.kind));
+    else if (event.line === device.line) {
+      failure.hear(event);
+      log.add("", faults.hear(event) ?? words(event.kind));
+    }
   };
   show(state.time_ns, state.values);
   charts?.push(state.time_ns, values);
-  const leave = watch([device.name], hear, link);
+  const leave = watch([device.name], hear, page);
   const element = make("div", {}, head.element,
     make("div", { class: "grid" }, ...(charts ? [charts.element] : []), ...(status ? [status.element] : []), ...works.sections, readings.element, faults.element, log.element));
   return { title: device.name, element, leave: () => (leave(), charts?.close()) };
 }
 
-/** Name, state and power. */
-function makeHead(device) {
+/** Name, state, `failure` of the line, and power. */
+function makeHead(device, failure) {
   const state = make("p", { id: "state", class: "state", role: "status" });
   const time = make("span", { class: "quiet" });
   const power = make("button", {
@@ -66,7 +71,7 @@ function makeHead(device) {
   };
   const element = make("div", { class: "head" },
     make("nav", { "aria-label": "Way back" }, make("a", { href: "#/" }, "All devices")),
-    make("h1", { tabindex: -1 }, device.name), state,
+    make("h1", { tabindex: -1 }, device.name), state, failure,
     make("div", { class: "row" }, power, cycle, make("span", { class: "quiet" }, `${device.model} on the `,
       make("a", { href: `#/line/${encodeURIComponent(device.line)}` }, `line of ${device.line}`)), time));
   return { element, show };

@@ -1,15 +1,16 @@
 // One line or bus: where it is found, its devices, and what goes over it.
 
 import { ask, watch } from "./api.js";
-import { make, words, write } from "./dom.js";
+import { make, words } from "./dom.js";
+import { makeFailure } from "./failure.js";
 import { makeLog } from "./log.js";
 import { Monitor } from "./monitor.js";
 
-export async function lineView(name, link) {
+export async function lineView(name, page) {
   const { lines } = await ask("lines");
   const line = lines.find((each) => each.name === name || each.devices.includes(name));
   if (!line) throw new Error(`There is no line ${name}.`);
-  const failure = make("p", { class: "failure", role: "alert" }, line.failure ? `Not served any more: ${line.failure}` : "");
+  const failure = makeFailure(line.name, line.failure);
   const monitor = new Monitor();
   const log = makeLog();
   let isFirst = true;
@@ -19,20 +20,20 @@ export async function lineView(name, link) {
       isFirst = false;
     } else if (event.event === "line" && event.line === line.name) {
       log.add("", words(event.kind));
-      if (event.kind === "line_failed") write(failure, "Not served any more: it has just failed");
+      failure.hear(event);
     }
   };
-  const linked = (isUp) => {
+  const link = (isUp) => {
     isFirst ||= isUp; // the daemon tells what was, again
-    link(isUp);
+    page.link(isUp);
   };
-  const leave = watch([], hear, linked, [line.name]);
+  const leave = watch([], hear, { ...page, link }, [line.name]);
   const devices = line.devices.map((each) => make("a", { href: `#/device/${encodeURIComponent(each)}` }, each));
   const element = make("div", {},
     make("div", { class: "head" },
       make("nav", { "aria-label": "Way back" }, make("a", { href: "#/" }, "All devices")),
       make("h1", { tabindex: -1 }, `Line of ${line.name}`),
-      make("p", { class: "doc" }, line.endpoints.map((each) => `${each.kind} ${each.url}`).join(", ") || "no port"), failure,
+      make("p", { class: "doc" }, line.endpoints.map((each) => `${each.kind} ${each.url}`).join(", ") || "no port"), failure.element,
       make("div", { class: "row" }, ...devices)),
     make("div", { class: "grid" }, monitor.element, log.element));
   return { title: line.name, element, leave: () => (leave(), monitor.close()) };

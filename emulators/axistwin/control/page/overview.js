@@ -2,30 +2,27 @@
 
 import { ask, watch } from "./api.js";
 import { make, shown, write } from "./dom.js";
+import { makeFailure } from "./failure.js";
 
-export async function overview(link) {
+export async function overview(page) {
   const [{ lines }, { devices }] = await Promise.all([ask("lines"), ask("devices")]);
   const cards = new Map(devices.map((each) => [each.name, makeCard(each)]));
-  const failures = new Map();
+  const failures = lines.map((line) => makeFailure(line.name, line.failure));
   const sections = lines.map((line, index) => {
-    const failure = make("p", { class: "failure", role: "alert" }, failureText(line.failure));
-    failures.set(line.name, failure);
     const found = line.endpoints.map((each) => `${each.kind} ${each.url}`).join(", ");
     return make("section", { "aria-labelledby": `line-${index}` },
       make("div", { class: "row" }, make("h2", { id: `line-${index}` }, `Line of ${line.name}`),
         make("a", { href: `#/line/${encodeURIComponent(line.name)}`, "aria-describedby": `line-${index}` }, "Traffic")),
-      make("p", { class: "doc" }, found || "no port"), failure,
+      make("p", { class: "doc" }, found || "no port"), failures[index].element,
       make("ul", { class: "cards" }, ...line.devices.filter((each) => cards.has(each)).map((each) => cards.get(each).element)));
   });
   const hear = (event) => {
-    if (event.event === "line" && event.kind === "line_failed") write(failures.get(event.line), failureText("it has just failed"));
-    else if (event.values) cards.get(event.device)?.show(event.values);
+    if (event.values) cards.get(event.device)?.show(event.values);
+    else failures.forEach((each) => each.hear(event));
   };
   const element = make("div", {}, make("h1", { tabindex: -1 }, "Devices"), ...sections);
-  return { title: "Devices", element, leave: watch([], hear, link) };
+  return { title: "Devices", element, leave: watch([], hear, page) };
 }
-
-const failureText = (reason) => (reason ? `Not served any more: ${reason}` : "");
 
 function makeCard(device) {
   const values = { power: device.power, state: device.state };

@@ -1,6 +1,6 @@
 // The front panel: which view is shown, and the connection.  Everything comes from the control API.
 
-import { hasToken, keepToken } from "./api.js";
+import { COME_AGAIN_MS, hasToken, keepToken } from "./api.js";
 import { deviceView } from "./device.js";
 import { make, write } from "./dom.js";
 import { lineView } from "./line.js";
@@ -25,27 +25,49 @@ function unlink() {
 
 const VIEWS = { device: deviceView, line: lineView };
 
-/** Show what the address names: `#/`, `#/device/NAME` or `#/line/NAME`. */
+/** The view that the address names: `#/`, `#/device/NAME` or `#/line/NAME`. */
+function makeView() {
+  const page = { link, renew };
+  const [, kind, name] = location.hash.match(/^#\/(device|line)\/(.+)$/) ?? [];
+  return name ? VIEWS[kind](decodeURIComponent(name), page) : overview(page);
+}
+
+/** Show what the address names. */
 async function go({ isFirst = false } = {}) {
   const mine = ++turn;
   leave();
   leave = () => {};
-  const [, kind, name] = location.hash.match(/^#\/(device|line)\/(.+)$/) ?? [];
   let view;
   try {
-    view = await (name ? VIEWS[kind](decodeURIComponent(name), link) : overview(link));
+    view = await makeView();
   } catch (error) {
     view = { title: "Problem", element: error.status === 401 ? tokenForm() : refusal(error), leave: () => {} };
     unlink();
   }
+  show(view, mine, !isFirst);
+}
+
+/** The lines have changed: show the view anew, as soon as what it shows is there. */
+async function renew() {
+  const mine = turn;
+  try {
+    show(await makeView(), mine, main.contains(document.activeElement));
+  } catch { // perhaps it is just being added again
+    setTimeout(() => mine === turn && renew(), COME_AGAIN_MS);
+  }
+}
+
+/** Show `view`, unless the user has gone elsewhere since the turn `mine`. */
+function show(view, mine, isFocused) {
   if (mine !== turn) {
     view.leave();
     return;
   }
+  leave();
   leave = view.leave;
   document.title = `${view.title} – axistwin`;
   main.replaceChildren(view.element);
-  if (!isFirst) (main.querySelector("h1") ?? main).focus();
+  if (isFocused) (main.querySelector("h1") ?? main).focus();
 }
 
 const refusal = (error) => make("div", {}, make("h1", { tabindex: -1 }, "That did not work"), make("p", {}, error.message),
