@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import random
+
+import pytest
+
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.acceptance import (
@@ -15,8 +19,10 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
     Segment,
     Timeline,
     TimeWindow,
+    slowed_down,
+    speed_changed,
 )
-from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
+from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, Course, Law
 
 MS = 1_000_000
 PERIOD = 800  # 0.1 ms per increment
@@ -216,3 +222,44 @@ def test_where_a_row_turns_round_within_a_window_is_within_its_bounds() -> None:
     lowest, highest = forecast.bounds(at(5, 10))
     assert lowest <= 50
     assert 100 <= highest <= 101
+
+
+def test_a_later_start_is_ahead_where_its_increment_ends_right_as_the_speed_changes() -> None:
+    """Increments of 2 ms, then of 0.2 ms: who has to wait 2 ms for the change loses ten of them."""
+    axis = model(period=16_000)
+    tell(axis, 0x13, -800, at(0, 3))
+    tell(axis, 0x15, velocity(-1, 1600), at(100))
+    tell(axis, 0x18, 0, at(110))
+    later = Timeline("PO", 0, 125, -1, Course.to_position(800, 16_000, 0, Law()))
+    changed = speed_changed(later, 100 * MS, 1600)
+    assert changed.position_at(110 * MS) == -99
+    assert axis.bounds(at(120)) == (-99, -90)
+
+
+@pytest.mark.parametrize("seed", range(80))
+def test_no_history_of_a_motion_changed_under_way_is_beyond_the_bounds(seed: int) -> None:
+    """Whenever it began, was changed and stopped in windows as wide as a disturbed line makes."""
+    drawn = random.Random(seed)
+    periods = [drawn.choice((1600, 2048, 6144, 16384, 0xFFFF)) for _ in range(2)]
+    coefficient, stop = drawn.choice((0, 0, 1, 2, 5)), drawn.choice((0x17, 0x18))
+    axis = model(coefficient=coefficient)
+    windows, time_ms = [], 0.0
+    for index, parameter in (
+        (0x15, velocity(1, periods[0])), (0x15, velocity(1, periods[1])), (stop, 0)
+    ):  # fmt: skip
+        windows.append(at(time_ms, drawn.choice((0, 0.2, 1, 5, 30))))
+        tell(axis, index, parameter, windows[-1])
+        time_ms = windows[-1].latest_ns / MS + drawn.uniform(1, 200)
+    seen = []
+    for _ in range(100):
+        began, changed, stopped = (
+            drawn.choice((*window, drawn.randint(*window))) for window in windows
+        )
+        law = Law(rounding=drawn.choice(("down", "half_up", "up")))
+        history = Timeline("VE", 0, began, 1, Course.endless(periods[0], coefficient, law))
+        history = speed_changed(history, changed, periods[1])
+        history = history.at_rest(stopped) if stop == 0x18 else slowed_down(history, stopped)
+        seen.append(history.position_at(round(time_ms * MS)))
+    lowest, highest = axis.bounds(at(time_ms))
+    assert lowest <= min(seen), "behind the bounds"
+    assert max(seen) <= highest, "ahead of the bounds"

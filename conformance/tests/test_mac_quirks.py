@@ -184,6 +184,13 @@ def test_two_readings_do_not_hide_one_another(
     assert (bad, status) == ([], 0)
 
 
+def test_a_store_that_errs_when_it_is_empty_accepts_every_command_after_a_hard_stop() -> None:
+    """What it refuses after a single segment is its other reading, and no failure of a reply."""
+    status, findings = judge("fifo_underrun=error", "nothing_follows_an_acceptance")
+    assert {one["verdict"] for one in findings if one["requirement"]} == {"pass"}, findings
+    assert status == 0
+
+
 def told_of(quirk: str, check: str) -> dict[str, Any]:
     """The failure of that check on a twin with one quirk."""
     return next(one for one in judge(quirk, check)[1] if one["verdict"] == "fail")

@@ -40,6 +40,7 @@ FIFO_STAGES: Final = 3
 TARGET_EDGE: Final = 0x40000000
 MOTIONS: Final = (0x13, 0x14, 0x15)
 SEGMENTS: Final = (0x16, 0x1E)
+RESHAPING: Final = frozenset({0x15, 0x17})  # what may come during a motion and alters its course
 DROPPING: Final = (0x17, 0x18, 0x1A)
 REINITIALISE: Final = 0x00
 NOT_BUSY: Final = frozenset({False})
@@ -139,22 +140,21 @@ class AxisModel:
                 return {kind: forecast}
             if index == 0x18:
                 return {kind: forecast.halted(window)}
-            return {kind: self._followed(self._whole(forecast), window, index, parameter)}
+            return {kind: self._followed(forecast, window, index, parameter)}
         branches: dict[ReplyKind, list[Timeline]] = {}
-        for timeline in self._whole(forecast).timelines:
-            is_reported = False  # a row that goes on is the same from either edge
-            for edge in self._moments(timeline, window, index):
-                mode = timeline.mode_at(edge)
-                now = timeline.at_rest(edge) if mode == "HD" else timeline
-                kind = self._reply(now, edge, index, parameter, self._state(mode))
-                followers = branches.setdefault(kind, [])
-                if kind is ReplyKind.ACCEPTED and index in ACTING:
-                    goes_on = index in SEGMENTS and mode != "HD"
-                    if not (goes_on and is_reported):
-                        followers += self._effect(now, edge, index, parameter, self._rounded)
-                    is_reported |= goes_on
-                elif not followers or followers[-1] is not now:
-                    followers.append(now)
+        reported: Timeline | None = None  # a row that goes on is the same from either edge
+        for timeline, edge in self._cases(forecast, window, index):
+            mode = timeline.mode_at(edge)
+            now = timeline.at_rest(edge) if mode == "HD" else timeline
+            kind = self._reply(now, edge, index, parameter, self._state(mode))
+            followers = branches.setdefault(kind, [])
+            if kind is ReplyKind.ACCEPTED and index in ACTING:
+                if now is not reported:
+                    followers += self._effect(now, edge, index, parameter, self._rounded)
+                if index in SEGMENTS and mode != "HD":
+                    reported = now
+            elif not followers or followers[-1] is not now:
+                followers.append(now)
         return {kind: Forecast.of(timelines) for kind, timelines in branches.items()}
 
     def _outcomes_at_rest(
@@ -210,16 +210,24 @@ class AxisModel:
         return Forecast.of(
             [
                 follower
-                for timeline in forecast.timelines
-                for edge in self._moments(timeline, window, index)
+                for timeline, edge in self._cases(forecast, window, index)
                 for follower in self._effect(timeline, edge, index, parameter, self._rounded)
             ]
         )
 
-    @staticmethod
-    def _moments(timeline: Timeline, window: TimeWindow, index: int) -> tuple[int, ...]:
-        """The instants of a window that bound what follows a command."""
-        return timeline.turns_in(window) if index in ABANDONING else window
+    def _cases(
+        self, forecast: Forecast, window: TimeWindow, index: int
+    ) -> list[tuple[Timeline, int]]:
+        """The histories with the instants of a window that bound what follows a command."""
+        whole = self._whole(forecast)
+        if index in RESHAPING:
+            return list(whole.changes_in(window))
+        turns = index in ABANDONING
+        return [
+            (timeline, moment)
+            for timeline in whole.timelines
+            for moment in (timeline.turns_in(window) if turns else window)
+        ]
 
     def _content(self, index: int, state: str) -> str:
         """The cell of the acceptance table, in the readings of this device."""

@@ -4,12 +4,14 @@ The host knows when an exchange began and ended; the module took the command ove
 counter, at some instant in between (`TimeWindow`).  A `Timeline` is one exact possible history; a
 `Forecast` holds the extreme ones, both edges of every window and both roundings of every period.
 A real axis lies between them: later start, slower periods and earlier stops only ever put it
-further back, so the extremes bound the rest.
+further back, so the extremes bound the rest.  One thing breaks that order: a speed change waits for
+the end of the increment in progress, and a history that is behind, but comes to that end sooner,
+gets ahead.  So where a change is taken over, those histories are kept too (`Forecast.changes_in`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -154,6 +156,16 @@ class Timeline:
         earliest_ns, latest_ns = window
         return (*window, *[end_ns for end_ns in ends_ns if earliest_ns < end_ns < latest_ns])
 
+    def levels_in(self, window: TimeWindow) -> tuple[int, ...]:
+        """The edges of a window, and the last instants of one period and the first of another in
+        between: what a change leads to is at its extremes at some of these."""
+        if self.course is None:
+            return window
+        earliest_ns, latest_ns = window
+        starts_ns = [self.start_ns + ticks * TICK_NS for ticks in self.course.profile.turns]
+        met_ns = [each for each in starts_ns if earliest_ns < each <= latest_ns]
+        return (*window, *[near_ns for each in met_ns for near_ns in (each - 1, each)])
+
     def _cut(self, leg: Leg) -> tuple[Leg, bool]:
         """Cut the leg at the first step beyond a software stop in its direction (§5.8)."""
         if self.stops is None or leg.direction == 0:
@@ -260,6 +272,15 @@ class Timeline:
             self.leads,
             self.doubt,
         )
+
+    def steps_by(self, now_ns: int) -> int:
+        """How many increments of its course are complete at that time."""
+        return 0 if self.course is None else self.course.profile.steps_by(_ticks(self, now_ns))
+
+    def ending(self, step: int, now_ns: int) -> Timeline:
+        """This motion, begun so that its course completes that increment at that time."""
+        assert self.course is not None, "a row keeps no phase"
+        return replace(self, start_ns=now_ns - self.course.profile.ticks_of(step) * TICK_NS)
 
     def followed_by(self, segment: Segment) -> Timeline:
         """This motion with a segment more at the end of the row."""
@@ -418,15 +439,28 @@ class Forecast:
             ]
         )
 
-    def map(self, window: TimeWindow, change: Callable[[Timeline, int], Timeline]) -> Forecast:
-        """Apply something that happened in the window to every timeline, at both edges."""
-        return Forecast.of(
-            change(timeline, edge) for timeline in self.timelines for edge in window.edges
-        )
+    def changes_in(self, window: TimeWindow) -> Iterator[tuple[Timeline, int]]:
+        """The histories, each with the instants of the window that bound what a change of course
+        leads to that is taken over then.
+
+        With either edge come those between these histories in which an increment ends right after
+        it, or right at it: there the change begins at once.
+        """
+        for timeline in self.timelines:
+            for moment in timeline.levels_in(window):
+                yield timeline, moment
+        for edge in dict.fromkeys(window):
+            under_way = [each for each in self.timelines if each.mode_at(edge) in ("PO", "VE")]
+            done = [each.steps_by(edge) for each in under_way]
+            for timeline, steps in zip(under_way, done, strict=True):
+                if steps > min(done):
+                    yield timeline.ending(steps, edge + 1), edge
+                if steps < max(done):
+                    yield timeline.ending(steps + 1, edge), edge
 
     def stopped(self, window: TimeWindow) -> Forecast:
         """17h, or 15h with period 0, was taken over in the window."""
-        return self.map(window, slowed_down)
+        return Forecast.of([slowed_down(each, moment) for each, moment in self.changes_in(window)])
 
     def halted(self, window: TimeWindow) -> Forecast:
         """18h was taken over in the window: the axis stands where it is (§5.7)."""
@@ -450,7 +484,9 @@ class Forecast:
 
     def changed(self, window: TimeWindow, period: int) -> Forecast:
         """15h with a new period was taken over in the window, during 13h, 14h or 15h."""
-        return self.map(window, lambda timeline, edge: speed_changed(timeline, edge, period))
+        return Forecast.of(
+            [speed_changed(each, moment, period) for each, moment in self.changes_in(window)]
+        )
 
     def bounds(self, window: TimeWindow) -> tuple[int, int]:
         """The lowest and the highest counter that may be read in the window.

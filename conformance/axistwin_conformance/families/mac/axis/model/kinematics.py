@@ -102,6 +102,11 @@ class Profile:
             ticks.append(passed)
         return steps, ticks
 
+    @property
+    def turns(self) -> list[int]:
+        """The ticks at which each run begins, and the last one ends."""
+        return self._starts[1]
+
     @once
     def is_endless(self) -> bool:
         """True if the motion goes on until something stops it."""

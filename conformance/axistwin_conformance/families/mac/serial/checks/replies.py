@@ -109,8 +109,10 @@ def nothing_follows_an_acceptance(session: Session) -> None:
     for index, parameter in ((0x13, place), (0x10, 0), (0x13, place), (0x11, 0)):
         accepted(index, parameter)
     step = segment_parameter(1, driver.motion.period)
-    for index, parameter in ((0x1E, step), (0x16, step), (0x15, velocity(1, driver.motion.period))):
-        accepted(index, parameter)
+    for index in (0x1E, 0x16):
+        accepted(index, step)
+        accepted(0x18)  # what leads out of an error of a store that has run empty (MACS-AMB-40)
+    accepted(0x15, velocity(1, driver.motion.period))
 
 
 def _judge_digit(driver: SerialDriver, index: int, reply: codec.SerialReply) -> None:
