@@ -167,6 +167,25 @@ def test_segments_of_a_contour_and_held_moves_count_when_they_are_stored(line: L
     assert not line.refuses("K")
 
 
+@pytest.mark.parametrize("reply", ["DONE", "SLAVEBUFFOV"])
+def test_behind_a_contour_all_counts_as_before_it(line: Line, reply: str) -> None:
+    """Whether it runs, waits or was refused: arcs, the plane, the mode and loaded counters."""
+    for text in ("(", "M50,20", "M-30,,40"):
+        line.say(text)
+    line.say(")", reply)
+    assert line.refuses("A-600,0,-600,600,1"), "an arc that leads out of the envelope"
+    line.say("P1,2,4")
+    line.say("A0,-40,-40,-40,-1")
+    for _ in range(2):
+        line.at(500, -20)
+    assert not line.travel_guard.runaway, "the arc is of axis 2"
+    for text in ("L0,0,0,0", "I1"):
+        line.say(text)
+    assert line.refuses("M0,1100")
+    line.say("I0")
+    assert not line.refuses("M0,-800")
+
+
 def test_a_program_is_judged_by_its_lines(line: Line) -> None:
     """Nobody runs one that was not seen being stored."""
     assert line.refuses("U")

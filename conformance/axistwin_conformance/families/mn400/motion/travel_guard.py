@@ -392,6 +392,8 @@ class BoardTravelGuard:
                 self._learn(board, asked, packet)
             return
         is_refused = said in REFUSED or (said == "MOVEPENDING" and self._is_kept_out(asked))
+        if is_refused and asked.command == ")":
+            return  # it may have forgotten its segments: what the board takes next tells
         if is_refused:
             self.boards[board] = self._before.get(board, self._after[board])
         elif said in OBEYED or (
@@ -577,6 +579,10 @@ def _hold(guard: BoardTravelGuard, state: BoardReach, numbers: Sequence[int | No
     return replace(state, holds=numbers[:1] != [0])
 
 
+def _close(guard: BoardTravelGuard, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
+    return replace(state, entry="")
+
+
 def _enter(letter: str) -> Act:
     return lambda guard, state, numbers: state.entered(letter)
 
@@ -587,5 +593,5 @@ _ACTS: Final[Mapping[str, Act]] = {
     "P": BoardTravelGuard._plane, "Q": BoardTravelGuard._halt, "J": BoardTravelGuard._jog,
     "B": BoardTravelGuard._lash, "D": BoardTravelGuard._remembered, "V": _speed, "F": _profile,
     "Y": _jog_speed, "H": _hold,
-    "(": _enter("("), "Z": _enter("Z"), ".": _enter("."),
+    "(": _enter("("), ")": _close, "Z": _enter("Z"), ".": _enter("."),
 }  # fmt: skip
