@@ -41,19 +41,19 @@ from axistwin_conformance.families.mn400.motion.reach import (
     BoardReach,
     Box,
     alternatives,
+    axes_elsewhere,
     join,
     joined_boxes,
-    shared,
+    places_of,
     shift,
 )
 from axistwin_conformance.families.mn400.motion.rig_controls import HALTING, JOGGING, POWER_NAME
-from axistwin_conformance.families.mn400.planner.vector import AXES, Window
+from axistwin_conformance.families.mn400.planner.vector import AXES
 from axistwin_conformance.families.mn400.words import command_words
 
 MARGIN_NS: Final = 30_000_000  # a stop takes 5 ms at 9600 baud; the rest is our own reaction
 STRAY: Final = 4  # steps by which an arc may leave its circle (MN4-ARC-02, MN4-ARC-04)
 SWING: Final = 10  # steps by which a counter may be off without its board counting as a runaway
-TURN: Final = 1 << 32  # of a counter
 LONGEST: Final = 512  # bytes of a request in pieces: no board keeps more
 PACKET: Final = re.compile(rb"(?=([\x80-\xff])([\x00-\x7f]+)\1([\x00-\x7f]))")
 NUMBER: Final = re.compile("-?[0-9]+")
@@ -427,9 +427,9 @@ class BoardTravelGuard:
     def _located(self, state: BoardReach, counters: tuple[int, ...]) -> BoardReach:
         """Narrow down by a reading, where nothing can be moving (rule 3)."""
         found = [
-            _places(box, counters, state.reach)
+            places_of(box, counters, state.reach)
             for box in state.offsets
-            if not _elsewhere(box, counters, state.reach, 0)
+            if not axes_elsewhere(box, counters, state.reach, 0)
         ]
         here = joined_boxes(*found) if found else state.reach
         has_arrived = state.motions == 1 and state.begun_by == "M" and here == state.tip
@@ -448,7 +448,7 @@ class BoardTravelGuard:
     def _is_runaway(self, board: int, state: BoardReach, counters: tuple[int, ...]) -> bool:
         """True if a board is seen where nothing it was asked for leads; told for good when the next
         reading says the same."""
-        elsewhere = [_elsewhere(box, counters, state.reach, SWING) for box in state.offsets]
+        elsewhere = [axes_elsewhere(box, counters, state.reach, SWING) for box in state.offsets]
         if not all(elsewhere):
             self._doubtful.discard(board)
             return False
@@ -500,32 +500,6 @@ def _numbers(text: str) -> list[int | None]:
     """The parameters as a careless board might read them; None: left out."""
     found = [NUMBER.search(part) for part in text[1:].split(",")]
     return [None if one is None else codec.number_in(one[0]) for one in found]
-
-
-def _place(offset: Window, counter: int, reach: Window) -> Window:
-    """Where an axis of that counter is, which goes round at 32 bits (MN4-MOT-06): of all places the
-    nearest to where it may be."""
-    places = [shift(offset, (counter + round_, counter + round_)) for round_ in (0, TURN, -TURN)]
-    return min(places, key=lambda place: max(0, place[0] - reach[1], reach[0] - place[1]))
-
-
-def _elsewhere(
-    offset: Box, counters: Sequence[int], reach: Box, swing: int
-) -> list[tuple[int, Window]]:
-    """The axes that would be outside of their reach by more than that, and where."""
-    rows = enumerate(zip(offset, counters, reach, strict=True))
-    found = ((axis, _place(*row), row[2]) for axis, row in rows)
-    return [
-        (axis, place)
-        for axis, place, (low, high) in found
-        if shared(place, (low - swing, high + swing)) is None
-    ]
-
-
-def _places(offset: Box, counters: Sequence[int], reach: Box) -> Box:
-    """Where the axes of these counters are, none of which is elsewhere."""
-    rows = zip(offset, counters, reach, strict=True)
-    return tuple(shared(_place(*row), row[2]) or row[2] for row in rows)
 
 
 def _finished(state: BoardReach, packet: BoardPacket) -> BoardReach:
