@@ -60,9 +60,9 @@ class Line:
         told = codec.data(board, "N", ",".join(map(str, steps)))
         self.travel_guard.received(start + told, self.now_ns)
 
-    def work(self, name: str, still_on: tuple[str, ...] = ()) -> None:
+    def work(self, name: str, still_on: tuple[str, ...] = (), number: int | None = None) -> None:
         """The rig works an input; `still_on`: those that are on behind it."""
-        self.travel_guard.worked(name, (self.now_ns, self.now_ns), still_on)
+        self.travel_guard.worked(name, (self.now_ns, self.now_ns), still_on, number)
 
     def has_deadline(self) -> bool:
         """True while something may be moving without an end."""
@@ -230,6 +230,25 @@ def test_backlash_counts_where_it_may_be_made_up_for(line: Line) -> None:
     assert not line.refuses("M1000")
     assert line.refuses("M-950")
     assert not line.refuses("M-900")
+
+
+def test_jogging_may_turn_the_axis_that_is_jogged(line: Line) -> None:
+    """Its backlash may have been taken up either way, and by a move behind it; that of another axis
+    was not."""
+    for text in ("B0,100,100,0", "Y2", "J1"):
+        line.say(text)
+    line.work("jog_minus", number=2)
+    for text in ("J0", "Q"):
+        line.say(text)
+    line.at(500)
+    assert line.refuses("M,850"), "the way, and 200 to take up"
+    assert not line.refuses("M,790")
+    assert not line.refuses("M,,1000")
+    line.say("D1,1,1,1")
+    line.work("run_jog")
+    line.say("Q")
+    line.at(500)
+    assert line.refuses("M,,950"), "any axis may have been jogged"
 
 
 def test_hidden_and_cut_packets_are_seen(line: Line) -> None:

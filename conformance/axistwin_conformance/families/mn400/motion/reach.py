@@ -3,7 +3,7 @@ where its counters say that it is."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, TypeVar
 
@@ -147,15 +147,19 @@ class BoardReach:
             turned = join(slack, turned)
         return (slack if memory == sign else turned), sign
 
+    def turned(self, axes: Collection[int]) -> BoardReach:
+        """The same if these axes may have turned, or have not."""
+        lash = tuple(by if axis in axes else 0 for axis, by in enumerate(self.lash))
+        slack = tuple(map(_wider, self.slack, lash))
+        memory = tuple(None if axis in axes else was for axis, was in enumerate(self.memory))
+        slack_reach = joined_boxes(self.slack_reach, slack)
+        return replace(self, slack=slack, slack_reach=slack_reach, memory=memory)
+
     def entered(self, letter: str) -> BoardReach:
         """The same with an entry open; a contour may turn every axis."""
         entered = replace(self, entry=letter, lines=())
         if letter == "(":
-            slack = tuple(map(_wider, self.slack, self.lash))
-            return replace(
-                entered, slack=slack, slack_reach=joined_boxes(self.slack_reach, slack),
-                memory=(None,) * AXES,
-            )  # fmt: skip
+            return entered.turned(range(AXES))
         if letter == "Z":
             return replace(entered, program=None)
         return replace(entered, configuration=None)

@@ -341,7 +341,13 @@ class BoardTravelGuard:
 
     # --- the rig ----------------------------------------------------------------------------------
 
-    def worked(self, name: str, window: tuple[int, int], disturbed: Collection[str] = ()) -> None:
+    def worked(
+        self,
+        name: str,
+        window: tuple[int, int],
+        disturbed: Collection[str] = (),
+        number: int | None = None,
+    ) -> None:
         """The rig has worked `name` in this window of the clock, ns; see `TravelLimiter.worked`."""
         self._is_halting = not set(HALTING).isdisjoint(disturbed)
         for board, state in tuple(self.boards.items()):
@@ -351,8 +357,9 @@ class BoardTravelGuard:
                 self.boards[board] = state.cut_short()
             elif name in JOGGING and (state.is_jogging or name in JOGGING[:1]):
                 since_ns = window[0] if state.jogs_since_ns is None else state.jogs_since_ns
+                turned = state.turned(range(AXES) if number is None else (number - 1,))
                 self.boards[board] = replace(
-                    state.grown(window[1]), jogs_since_ns=since_ns, motions=1, begun_by="J"
+                    turned.grown(window[1]), jogs_since_ns=since_ns, motions=1, begun_by="J"
                 )
 
     def _restarted(self, state: BoardReach) -> BoardReach:
