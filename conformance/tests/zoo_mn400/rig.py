@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from axistwin.devices.mn400 import jog
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
-from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion
+from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion, straight
+from axistwin.devices.mn400.motion.moves import ENDLESS
 from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
-from axistwin.devices.mn400.orders import MotionOrder
+from axistwin.devices.mn400.orders import AXES, MotionOrder
 from axistwin.kernel.schedule import NEVER
 from zoo_mn400.planting import Any_, MonkeyPatch, S, around, board_mutant, plans, values
 
@@ -119,6 +121,30 @@ def a_tap_drops_its_remainder(patch: MonkeyPatch) -> None:
         return steps, JogTaps()
 
     around(patch, JogTaps, "tap", act)
+
+
+@board_mutant("MN4-BKL-01")
+def a_jog_takes_up_the_backlash_of_every_axis(patch: MonkeyPatch) -> None:
+    """Also of those that stand."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, axis: int, direction: int) -> Any:
+        displacement = [direction] * AXES
+        displacement[axis] *= ENDLESS
+        return straight(now, settings, (*displacement,))
+
+    around(patch, jog, "jog", act)
+
+
+@board_mutant("MN4-BKL-02")
+def a_jog_is_not_remembered(patch: MonkeyPatch) -> None:
+    """What an axis remembers is the direction of its last move."""
+
+    def act(go: Any_, mover: Mover, *given: Any) -> None:
+        kept = mover._memory
+        go()
+        mover._memory = kept
+
+    around(patch, Mover, "count", act)
 
 
 @board_mutant("MN4-THR-01", "MN4-THR-02", "MN4-CMD-T-01", traps=(43,))
