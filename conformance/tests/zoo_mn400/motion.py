@@ -497,3 +497,18 @@ def the_exit_code_is_cleared_by_a_move(patch: MonkeyPatch) -> None:
         go()
 
     around(patch, Mover, "_begin", act)
+
+
+@board_mutant("MN4-BKL-06")
+def a_helix_does_not_remember_its_traverse(patch: MonkeyPatch) -> None:
+    """Behind + the traverse axis remembers the direction before it."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        kept, order = mover._memory, mover.order
+        go()
+        if order is not None and order.letter == "+":
+            memory = list(mover._memory)
+            memory[order.settings.plane[2]] = kept[order.settings.plane[2]]
+            mover._memory = (memory[0], memory[1], memory[2], memory[3])
+
+    around(patch, Mover, "_finish", act)

@@ -8,7 +8,7 @@ from typing import Any
 from axistwin.devices.mn400 import jog
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
-from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion, straight
+from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion, motion, straight
 from axistwin.devices.mn400.motion.moves import ENDLESS
 from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
@@ -128,9 +128,10 @@ def a_jog_takes_up_the_backlash_of_every_axis(patch: MonkeyPatch) -> None:
     """Also of those that stand."""
 
     def act(go: Any_, now: int, settings: MoveSettings, axis: int, direction: int) -> Any:
-        displacement = [direction] * AXES
-        displacement[axis] *= ENDLESS
-        return straight(now, settings, (*displacement,))
+        first, second, third, fourth = (
+            direction * (ENDLESS if axis == other else 1) for other in range(AXES)
+        )
+        return straight(now, settings, (first, second, third, fourth))
 
     around(patch, jog, "jog", act)
 
@@ -215,3 +216,15 @@ def the_feedrate_pot_scales_by_its_half(patch: MonkeyPatch) -> None:
         return inputs.feed_pot_permille**2 // 1000 if is_used else 1000
 
     patch.setattr(Inputs, "feed_permille", property(act))
+
+
+@board_mutant("MN4-CMD-V-02")
+def a_contour_goes_on_without_its_pulses(patch: MonkeyPatch) -> None:
+    """What is behind a segment that pulses pace begins with that segment."""
+
+    def laid(paces: Any, start_ns: int | None) -> Any:
+        found = lay(paces, start_ns)
+        return (*found[:2], *(pace.starting(found[0].end_ns) for pace in found[2:]))
+
+    lay = motion._laid
+    patch.setattr(motion, "_laid", laid)
