@@ -15,6 +15,7 @@ from axistwin.devices.mn400.motion import (
 )
 from axistwin.devices.mn400.motion.arcs import ArcPath
 from axistwin.devices.mn400.motion.circle import LatticeCircle
+from axistwin.devices.mn400.motion.pace import TimedPace
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from zoo_mn400.planting import (
@@ -512,3 +513,13 @@ def a_helix_does_not_remember_its_traverse(patch: MonkeyPatch) -> None:
             mover._memory = (memory[0], memory[1], memory[2], memory[3])
 
     around(patch, Mover, "_finish", act)
+
+
+@board_mutant("MN4-PAU-01")
+def a_pause_with_a_multiplex_does_not_brake(patch: MonkeyPatch) -> None:
+    """Under X2 and X4 { stops a move at once."""
+
+    def act(go: Any_, pace: TimedPace, now: int, x: int, ramped: bool) -> Any:
+        return go(now, x, ramped and pace.settings.multiplex == 1)
+
+    around(patch, TimedPace, "stopped", act)
