@@ -523,3 +523,15 @@ def a_pause_with_a_multiplex_does_not_brake(patch: MonkeyPatch) -> None:
         return go(now, x, ramped and pace.settings.multiplex == 1)
 
     around(patch, TimedPace, "stopped", act)
+
+
+@board_mutant("MN4-MEA-01")
+def a_measurement_forgets_a_move_that_is_over(patch: MonkeyPatch) -> None:
+    """E1 counts the ticks of what runs when it ends."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        kept = mover._phantom
+        go()
+        mover._phantom = kept
+
+    around(patch, Mover, "_finish", act)

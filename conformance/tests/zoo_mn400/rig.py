@@ -49,6 +49,17 @@ def limits_are_looked_at_when_a_motion_begins(patch: MonkeyPatch) -> None:
     around(patch, Mover, "_watch", act)
 
 
+@board_mutant("MN4-LIM-06")
+def a_single_step_is_made_towards_a_limit(patch: MonkeyPatch) -> None:
+    """M1 with the limit on is a move like any other."""
+
+    def act(go: Any_, mover: Mover) -> Any:
+        is_single = mover._motion is not None and sum(map(abs, mover._motion.total)) == 1
+        return [] if is_single else go()
+
+    around(patch, Mover, "_blocked", act)
+
+
 @board_mutant("MN4-CMD-S-01")
 def the_shield_has_a_value_in_s(patch: MonkeyPatch) -> None:
     """That of aux input 1."""
@@ -228,3 +239,16 @@ def a_contour_goes_on_without_its_pulses(patch: MonkeyPatch) -> None:
 
     lay = motion._laid
     patch.setattr(motion, "_laid", laid)
+
+
+@board_mutant("MN4-STM-01")
+def a_move_behind_a_thread_stays(patch: MonkeyPatch) -> None:
+    """The last pulse ends a motion, and nothing begins by it."""
+
+    def change_paced(mover: Mover, now: int, change: Any_) -> None:
+        if mover._motion is not None and mover.is_waiting_for_pulses:
+            mover._motion = change(mover._motion)
+            mover._watch(now)
+            mover._finish_if_over(now)
+
+    patch.setattr(Mover, "_change_paced", change_paced)

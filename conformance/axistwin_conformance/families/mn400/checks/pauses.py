@@ -75,7 +75,7 @@ def a_move_stands_where_it_is_paused(session: Session) -> None:
         _judge_flags(motion, is_paused=True)
         motion.do("}", "MN4-CMD-PAU-02")
         _judge_flags(motion, is_paused=False)
-        rows = motion.follow("MN4-CMD-PAU-02", samples=4)
+        rows = (here, *motion.follow("MN4-CMD-PAU-02", samples=4))
         session.expect(is_monotone(rows, by), "MN4-CMD-PAU-02", f"no way back on {by}", rows)
 
 

@@ -87,6 +87,22 @@ def _judge_pulses(motion: BoardMotion, base: Sequence[int], pulses: int) -> None
         motion.session.expect(is_right, names, told(place), counters, f"after {done} of {pulses}")
 
 
+@check("MN4-STM-01", safety=RIG_MOTION, needs=PULSES)
+def a_move_waits_for_the_last_pulse_of_a_thread(session: Session) -> None:
+    """One that is queued behind it moves nothing before, and needs no pulses."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(100, "these moves")
+    motion.ready()
+    for text in ("T50,0,0,0,50", "M0,50"):
+        motion.driver.draws(text, DONE, "MN4-STM-01")
+    if motion.driver.reading("threader_start") == "index":
+        session.rig.work("index", True)
+    for pulses, wanted in ((49, (49, 0, 0, 0)), (1, (50, 50, 0, 0))):
+        session.rig.work("pulses", pulses)
+        counters = motion.rest()
+        session.expect(counters == wanted, "MN4-STM-01", wanted, counters)
+
+
 @check("MN4-THR-01", "MN4-THR-03", "MN4-THR-04", "MN4-CMD-T-01", safety=RIG_MOTION, needs=SPINDLE)
 def a_thread_keeps_step_with_its_spindle(session: Session) -> None:
     """From the index on each step comes with its pulse, whatever the rate; none beyond the last."""
