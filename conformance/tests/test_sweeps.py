@@ -57,8 +57,14 @@ ONCE_ESCAPED = [
     ("mac23", "full", Fault("reply", "longer", ("23",), amount=1)),
     ("mac23", "full", Fault("effect", "late", ("09",), When(every=7), amount=30_000_000)),
     ("mac23", "quick", Fault("state", "lost", FORMATS["mac23"].commands, When(first=50, every=40))),
+    ("mac23", "quick", Fault("state", "lost", (), When(first=50, every=40))),
     ("mac23-can", "quick", Fault("value of an answer", "twice", ("u07",), When(first=200), size=1)),
     ("mac23-can", "full", Fault("effect", "twice", ("d14",), amount=30_000_000)),
+    (
+        "mac23-can",
+        "full",
+        Fault("byte of a reply", "bits flipped", ("d02",), When(every=7), at=7, amount=2),
+    ),
 ]
 # What led out again and again: whatever was sent to stop it, or to put things back, moved it; or
 # its counter did not show that it moved.
@@ -388,6 +394,21 @@ def test_a_twin_that_gets_no_further_is_no_device(inner: SimpleNamespace) -> Non
         device.wake(5) if hasattr(inner, "wake") else device.quiet_prefix(b"0")
     told = FaultSweep._outcome({"hang": "100 s of processor time"}, tally)
     assert told == ("no device", "never comes to an end")
+    assert FaultSweep._outcome({"hang": "100 s"}, Tally()) == ("no device", "100 s"), "unmade"
+
+
+def test_what_a_frame_has_no_room_for_is_no_hit() -> None:
+    """A ninth byte of data never leaves."""
+    tally = Tally()
+    fault = Fault("byte of a reply", "doubled", at=9)
+    device = wrong_device.WrongDevice(
+        SimpleNamespace(accepts=None), fault, FORMATS["mac23-can"], tally
+    )
+    reply = bytes.fromhex("0581 4201200001020304")
+    device._kind = "u01"
+    (effect,) = device._reply(reply, 0, 0)
+    assert effect.frame.data == reply[2:]
+    assert (tally.asked, tally.hits) == (1, 0)
 
 
 @pytest.mark.strength

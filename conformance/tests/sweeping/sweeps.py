@@ -195,8 +195,10 @@ class FaultSweep(Sweep):
     def _outcome(row: Row, tally: Tally) -> tuple[str, str]:
         words = (row.get("sentence", ""), *row.get("evidence", ()))
         crash = tally.crash or next((one for one in words if CRASHED in one), "")
-        if crash or (row.get("errors") and not tally.said):  # it may fall over while it is made
-            return "no device", crash or row["errors"][0]
+        # It may fall over, or turn on the spot, while it is made.
+        unmade = "" if tally.said else (*row.get("errors", ()), row.get("hang", ""))[0]
+        if crash or unmade:
+            return "no device", crash or unmade
         if row["hang"]:
             return "hang", row["hang"]
         if tally.furthest > TRAVEL and not tally.is_held:

@@ -364,6 +364,15 @@ def it_answers_for_its_neighbour_too(patch: MonkeyPatch) -> None:
     )
 
 
+@mutant("MACS-MULTI-03")
+def another_than_module_00_answers_for_all(patch: MonkeyPatch) -> None:
+    """On a shared line the module that is not 00 answers frames to FF, and 00 does not."""
+    wrap(
+        patch, MacSerial, "_answers_general",
+        lambda answers: lambda module: answers(module) is module.alone,
+    )  # fmt: skip
+
+
 @mutant("MACS-MULTI-02", traps=(35,))
 def general_frames_reach_module_00_only(patch: MonkeyPatch) -> None:
     """A module other than 00 takes FF for the address of somebody else."""

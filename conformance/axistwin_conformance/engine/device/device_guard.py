@@ -422,8 +422,10 @@ class DeviceGuard:
                 self._judge_violations(session, act)
             if self._climbs(session, act, before):
                 continue
-            silence = self._silence(session) if trouble is not None and act != "sanity" else None
-            if silence is not None and not was_silent:  # perhaps the line was cut for a while
+            is_lost = trouble is not None and act != "sanity"
+            silence = self._silence(session) if is_lost else None
+            # Perhaps the line was cut for a while, or the device started anew.
+            if is_lost and not was_silent and (silence is not None or self._is_back(run)):
                 was_silent = True
                 continue
             if silence is not None:
@@ -440,9 +442,15 @@ class DeviceGuard:
         if reply or session.run.target.is_lossless or self.blocked:
             return None
         violation = self.options.family.diagnose(session, request, reply)
+        return violation if violation and self._is_back(session.run) else None
+
+    def _is_back(self, run: Run) -> bool:
+        """Whether a device that was not heard answers now."""
+        if run.target.is_lossless or run.target.crash or self.blocked:
+            return False
         with contextlib.suppress(TargetError):
-            return violation if violation and self.is_sane(session.run) else None
-        return None
+            return self.is_sane(run)
+        return False
 
     def _judge_violations(self, session: Session, act: str) -> None:
         """Record what has been seen to fail beside all questions, once each."""

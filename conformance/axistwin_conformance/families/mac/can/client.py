@@ -95,7 +95,22 @@ class CanClient(AxisClient):
         exchange = self._once(request, timeout_s)
         if self.target.is_lossless or not request.is_well_formed:
             return exchange
-        return self._undisturbed(request, request.index, exchange, timeout_s)
+        settled = self._undisturbed(request, request.index, exchange, timeout_s)
+        self._judge_passing(request, exchange, settled)
+        return settled
+
+    def _judge_passing(
+        self, request: CanRequest, first: AxisExchange, settled: AxisExchange
+    ) -> None:
+        """Hold a reply against the module that was wrong for once, and right when asked for again:
+        frames get lost, but what a bus carries is as it was sent."""
+        if first is settled or not settled.reply.raw or settled.kind is ReplyKind.GARBAGE:
+            return
+        alone = codec.parse(unpack(first.reply.raw) if first.reply.raw else None, self.byte_order)
+        if alone.kind is ReplyKind.GARBAGE:
+            requirement = "MACC-SDO-03" if request.command == codec.UPLOAD else "MACC-SDO-01"
+            actual = f"now and then {'; '.join(alone.flaws)}"
+            self.session.run.violations.append((requirement, "the same form each time", actual))
 
     def _is_good(self, index: int, reply: CanReply, *, may_be_silent: bool) -> bool:
         if reply.kind is ReplyKind.SILENCE:

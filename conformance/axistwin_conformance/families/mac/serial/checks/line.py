@@ -11,6 +11,7 @@ from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 from axistwin_conformance.families.mac.axis.probes.stops import restarted_ns
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.serial import codec
@@ -199,6 +200,7 @@ def general_commands_are_executed_by_all(session: Session) -> None:
     ]
     try:
         period = first.limits.slowed(0x0ABC)
+        _judge_who_replies(everybody, period)
         for index, parameter in ((0x0D, period), (0x0F, 2)):
             _general_reply(first, general(first, index, parameter))
         for driver in everybody:
@@ -226,6 +228,21 @@ def general_commands_are_executed_by_all(session: Session) -> None:
             driver.client.command(0x0D, own_period)
             driver.client.command(0x0F, own_coefficient)
             driver.motion.finish(driver.motion.go_plainly(start))
+
+
+def _judge_who_replies(everybody: list[SerialDriver], period: int) -> None:
+    """Tell by its contents whose the answer to all is: with FF in it, no address says so."""
+    query, owns = PARAMETERS[0x0D].query, {}
+    for number, driver in enumerate(everybody):
+        driver.client.command(0x0D, period + number)
+        owns[driver.client.address] = period + number
+    reply = general(everybody[0], query).reply
+    if reply.kind is ReplyKind.ANSWER and reply.data is not None and 0 in owns:
+        told = PARAMETERS[0x0D].read(reply.data)
+        whose = next((f"{one:02X}" for one, own in owns.items() if own == told), "nobody")
+        everybody[0].session.expect(
+            told == owns[0], "MACS-MULTI-03", "the answer of module 00", f"that of {whose}: {reply}"
+        )
 
 
 def _general_reply(driver: SerialDriver, exchange: AxisExchange) -> None:
