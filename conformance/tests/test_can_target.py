@@ -6,7 +6,7 @@ import errno
 import os
 import pty
 import tty
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import can
@@ -326,9 +326,7 @@ class ToyFence:
         """How large the envelope would have to be."""
         return 1000
 
-    def worked(
-        self, name: str, window: tuple[int, int], disturbed: Collection[str] = (), /
-    ) -> None:
+    def worked(self, name: str, window: tuple[int, int], *_: object) -> None:
         """No rig here."""
 
 

@@ -60,9 +60,9 @@ class Line:
         told = codec.data(board, "N", ",".join(map(str, steps)))
         self.travel_guard.received(start + told, self.now_ns)
 
-    def work(self, name: str, still_on: tuple[str, ...] = ()) -> None:
+    def work(self, name: str, still_on: tuple[str, ...] = (), number: int | None = None) -> None:
         """The rig works an input; `still_on`: those that are on behind it."""
-        self.travel_guard.worked(name, (self.now_ns, self.now_ns), still_on)
+        self.travel_guard.worked(name, (self.now_ns, self.now_ns), still_on, number)
 
     def has_deadline(self) -> bool:
         """True while something may be moving without an end."""
@@ -167,6 +167,25 @@ def test_segments_of_a_contour_and_held_moves_count_when_they_are_stored(line: L
     assert not line.refuses("K")
 
 
+@pytest.mark.parametrize("reply", ["DONE", "SLAVEBUFFOV"])
+def test_behind_a_contour_all_counts_as_before_it(line: Line, reply: str) -> None:
+    """Whether it runs, waits or was refused: arcs, the plane, the mode and loaded counters."""
+    for text in ("(", "M50,20", "M-30,,40"):
+        line.say(text)
+    line.say(")", reply)
+    assert line.refuses("A-600,0,-600,600,1"), "an arc that leads out of the envelope"
+    line.say("P1,2,4")
+    line.say("A0,-40,-40,-40,-1")
+    for _ in range(2):
+        line.at(500, -20)
+    assert not line.travel_guard.runaway, "the arc is of axis 2"
+    for text in ("L0,0,0,0", "I1"):
+        line.say(text)
+    assert line.refuses("M0,1100")
+    line.say("I0")
+    assert not line.refuses("M0,-800")
+
+
 def test_a_program_is_judged_by_its_lines(line: Line) -> None:
     """Nobody runs one that was not seen being stored."""
     assert line.refuses("U")
@@ -211,6 +230,25 @@ def test_backlash_counts_where_it_may_be_made_up_for(line: Line) -> None:
     assert not line.refuses("M1000")
     assert line.refuses("M-950")
     assert not line.refuses("M-900")
+
+
+def test_jogging_may_turn_the_axis_that_is_jogged(line: Line) -> None:
+    """Its backlash may have been taken up either way, and by a move behind it; that of another axis
+    was not."""
+    for text in ("B0,100,100,0", "Y2", "J1"):
+        line.say(text)
+    line.work("jog_minus", number=2)
+    for text in ("J0", "Q"):
+        line.say(text)
+    line.at(500)
+    assert line.refuses("M,850"), "the way, and 200 to take up"
+    assert not line.refuses("M,790")
+    assert not line.refuses("M,,1000")
+    line.say("D1,1,1,1")
+    line.work("run_jog")
+    line.say("Q")
+    line.at(500)
+    assert line.refuses("M,,950"), "any axis may have been jogged"
 
 
 def test_hidden_and_cut_packets_are_seen(line: Line) -> None:

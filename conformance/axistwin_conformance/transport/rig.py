@@ -220,7 +220,8 @@ class Rig(ABC):
         window = before_ns, self._target.now_ns
         if self._target.travel_guard is not None:  # the counter may not be what it was
             disturbed = {name for name, _ in self._disturbed}
-            self._target.travel_guard.worked(act.control.capability, window, disturbed)
+            name, number = act.control.capability, act.number
+            self._target.travel_guard.worked(name, window, disturbed, number)
         return window
 
 

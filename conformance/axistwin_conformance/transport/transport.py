@@ -82,10 +82,15 @@ class TravelLimiter(Protocol):
         """How large the envelope would have to be for endless motion to go on for so long."""
 
     def worked(
-        self, name: str, window: tuple[int, int], disturbed: Collection[str] = (), /
+        self,
+        name: str,
+        window: tuple[int, int],
+        disturbed: Collection[str] = (),
+        number: int | None = None,
+        /,
     ) -> None:
-        """Learn what the rig has done, between which instants, and which controls are not at rest
-        now."""
+        """Learn what the rig has done, between which instants, which controls are not at rest now,
+        and which it was of those of that name, if they have numbers."""
 
 
 class Mender(Protocol):

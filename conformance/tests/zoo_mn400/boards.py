@@ -292,3 +292,13 @@ def replies_of_others_are_taken_for_requests(patch: MonkeyPatch) -> None:
     from axistwin.devices.mn400.link import packets
 
     patch.setattr(packets, "is_reply", lambda payload: False)
+
+
+@board_mutant("MN4-DROP-04")
+def a_measurement_for_all_boards_has_the_slot_of_a_status(patch: MonkeyPatch) -> None:
+    """Of E1 to id 0 each board answers as soon as of a setting."""
+
+    def act(go: Any_, board: Mn400Board, letter: str, payload: bytes) -> Any:
+        return go("" if payload[1:] else letter, payload)
+
+    around(patch, Mn400Board, "_slot_ns", act)

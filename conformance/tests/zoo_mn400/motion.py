@@ -15,6 +15,7 @@ from axistwin.devices.mn400.motion import (
 )
 from axistwin.devices.mn400.motion.arcs import ArcPath
 from axistwin.devices.mn400.motion.circle import LatticeCircle
+from axistwin.devices.mn400.motion.pace import TimedPace
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from zoo_mn400.planting import (
@@ -497,3 +498,40 @@ def the_exit_code_is_cleared_by_a_move(patch: MonkeyPatch) -> None:
         go()
 
     around(patch, Mover, "_begin", act)
+
+
+@board_mutant("MN4-BKL-06")
+def a_helix_does_not_remember_its_traverse(patch: MonkeyPatch) -> None:
+    """Behind + the traverse axis remembers the direction before it."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        kept, order = mover._memory, mover.order
+        go()
+        if order is not None and order.letter == "+":
+            memory = list(mover._memory)
+            memory[order.settings.plane[2]] = kept[order.settings.plane[2]]
+            mover._memory = (memory[0], memory[1], memory[2], memory[3])
+
+    around(patch, Mover, "_finish", act)
+
+
+@board_mutant("MN4-PAU-01")
+def a_pause_with_a_multiplex_does_not_brake(patch: MonkeyPatch) -> None:
+    """Under X2 and X4 { stops a move at once."""
+
+    def act(go: Any_, pace: TimedPace, now: int, x: int, ramped: bool) -> Any:
+        return go(now, x, ramped and pace.settings.multiplex == 1)
+
+    around(patch, TimedPace, "stopped", act)
+
+
+@board_mutant("MN4-MEA-01")
+def a_measurement_forgets_a_move_that_is_over(patch: MonkeyPatch) -> None:
+    """E1 counts the ticks of what runs when it ends."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        kept = mover._phantom
+        go()
+        mover._phantom = kept
+
+    around(patch, Mover, "_finish", act)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from axistwin.devices.mn400 import jog
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
-from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion
+from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion, motion, straight
+from axistwin.devices.mn400.motion.moves import ENDLESS
 from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
-from axistwin.devices.mn400.orders import MotionOrder
+from axistwin.devices.mn400.orders import AXES, MotionOrder
 from axistwin.kernel.schedule import NEVER
 from zoo_mn400.planting import Any_, MonkeyPatch, S, around, board_mutant, plans, values
 
@@ -45,6 +47,17 @@ def limits_are_looked_at_when_a_motion_begins(patch: MonkeyPatch) -> None:
         mover._limit_ns = NEVER
 
     around(patch, Mover, "_watch", act)
+
+
+@board_mutant("MN4-LIM-06")
+def a_single_step_is_made_towards_a_limit(patch: MonkeyPatch) -> None:
+    """M1 with the limit on is a move like any other."""
+
+    def act(go: Any_, mover: Mover) -> Any:
+        is_single = mover._motion is not None and sum(map(abs, mover._motion.total)) == 1
+        return [] if is_single else go()
+
+    around(patch, Mover, "_blocked", act)
 
 
 @board_mutant("MN4-CMD-S-01")
@@ -121,6 +134,31 @@ def a_tap_drops_its_remainder(patch: MonkeyPatch) -> None:
     around(patch, JogTaps, "tap", act)
 
 
+@board_mutant("MN4-BKL-01")
+def a_jog_takes_up_the_backlash_of_every_axis(patch: MonkeyPatch) -> None:
+    """Also of those that stand."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, axis: int, direction: int) -> Any:
+        first, second, third, fourth = (
+            direction * (ENDLESS if axis == other else 1) for other in range(AXES)
+        )
+        return straight(now, settings, (first, second, third, fourth))
+
+    around(patch, jog, "jog", act)
+
+
+@board_mutant("MN4-BKL-02")
+def a_jog_is_not_remembered(patch: MonkeyPatch) -> None:
+    """What an axis remembers is the direction of its last move."""
+
+    def act(go: Any_, mover: Mover, *given: Any) -> None:
+        kept = mover._memory
+        go()
+        mover._memory = kept
+
+    around(patch, Mover, "count", act)
+
+
 @board_mutant("MN4-THR-01", "MN4-THR-02", "MN4-CMD-T-01", traps=(43,))
 def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
     """T over 10 pulses ends with the 20th."""
@@ -189,3 +227,28 @@ def the_feedrate_pot_scales_by_its_half(patch: MonkeyPatch) -> None:
         return inputs.feed_pot_permille**2 // 1000 if is_used else 1000
 
     patch.setattr(Inputs, "feed_permille", property(act))
+
+
+@board_mutant("MN4-CMD-V-02")
+def a_contour_goes_on_without_its_pulses(patch: MonkeyPatch) -> None:
+    """What is behind a segment that pulses pace begins with that segment."""
+
+    def laid(paces: Any, start_ns: int | None) -> Any:
+        found = lay(paces, start_ns)
+        return (*found[:2], *(pace.starting(found[0].end_ns) for pace in found[2:]))
+
+    lay = motion._laid
+    patch.setattr(motion, "_laid", laid)
+
+
+@board_mutant("MN4-STM-01")
+def a_move_behind_a_thread_stays(patch: MonkeyPatch) -> None:
+    """The last pulse ends a motion, and nothing begins by it."""
+
+    def change_paced(mover: Mover, now: int, change: Any_) -> None:
+        if mover._motion is not None and mover.is_waiting_for_pulses:
+            mover._motion = change(mover._motion)
+            mover._watch(now)
+            mover._finish_if_over(now)
+
+    patch.setattr(Mover, "_change_paced", change_paced)

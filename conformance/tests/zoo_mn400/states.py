@@ -210,6 +210,18 @@ def a_resumed_move_begins_anew(patch: MonkeyPatch) -> None:
     around(patch, Mover, "resume", act)
 
 
+@board_mutant("MN4-CMD-PAU-02")
+def a_resumed_move_is_counted_from_its_start(patch: MonkeyPatch) -> None:
+    """} makes the whole distance once more, and the counters of before it are gone."""
+
+    def act(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if mover.is_paused and reason == "command" and mover._motion is not None:
+            mover._motion = None
+        go()
+
+    around(patch, Mover, "resume", act)
+
+
 @board_mutant("MN4-CMD-M-02", "MN4-CMD-A-02", "MN4-CMD-I-01")
 def there_is_one_coordinate_mode(patch: MonkeyPatch) -> None:
     """I is answered and sets nothing."""

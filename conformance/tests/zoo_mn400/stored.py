@@ -9,6 +9,7 @@ from axistwin.devices.mn400.device import Mn400Board
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Origin
 from axistwin.devices.mn400.link.receiver import Flaw, Request
+from axistwin.devices.mn400.link.sender import ReplySender
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.readout import ReadOut
 from axistwin.devices.mn400.store import ProgramStore
@@ -458,3 +459,15 @@ def it_says_that_it_is_up(patch: MonkeyPatch) -> None:
         return found
 
     around(patch, Mn400Board, "power_on", act)
+
+
+@board_mutant("MN4-PWR-02")
+def what_was_said_last_outlives_the_supply(patch: MonkeyPatch) -> None:
+    """& repeats it after power-up."""
+
+    def act(go: Any_, sender: ReplySender, now: int) -> None:
+        kept = sender.last
+        go()
+        sender.last = kept
+
+    around(patch, ReplySender, "reset", act)

@@ -34,7 +34,6 @@ frames with wrong checksums.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any, Final, NoReturn, Protocol
 
@@ -410,7 +409,7 @@ class AxisTravelGuard:
             period=FACTORY_PERIOD if is_factory else axis.period,
         )
 
-    def worked(self, name: str, window: tuple[int, int], _: Collection[str] = ()) -> None:
+    def worked(self, name: str, window: tuple[int, int], *_: object) -> None:
         """The rig has worked `name` (of `AXIS_CONTROLS`) in this window of the clock, ns."""
         self._shown.clear()
         for address, found in self.axes.items():

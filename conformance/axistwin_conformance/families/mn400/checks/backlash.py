@@ -107,14 +107,18 @@ def quit_in_the_compensation_leaves_the_whole_move(session: Session) -> None:
 
 @check("MN4-BKL-06", "MN4-BKL-07", safety=MOTION)
 def arcs_and_contours_are_compensated_before_they_begin(session: Session) -> None:
-    """By the direction in which each axis sets out; what is remembered is the last one."""
+    """By the direction in which each axis sets out; what is remembered is the last one, of the
+    traverse axis of a helix, too."""
     motion = begun(session)
     if motion.driver.reading("backlash_arc") == "start_only":
         around = "-300,-300,-600,-600"
-        for arc in (f"{around},1", f"{around},-1", "0,-50,-35,-15,-1"):  # its end is off the circle
+        for arc in (
+            f"A{around},1", f"A{around},-1", "A0,-50,-35,-15,-1",  # its end is off the circle
+            "+-50,0,-100,0,1,-60,1",
+        ):  # fmt: skip
             motion.ready(ALL, speed=SLOW)
-            motion.run(f"A{arc}", "MN4-BKL-06")
-            for text in ("M100", "M0,0,-50", "M-50"):
+            motion.run(arc, "MN4-BKL-06")
+            for text in ("M100", "M0,50", "M0,0,-50", "M-50"):
                 motion.run(text, "MN4-BKL-06")
     else:
         session.not_run("MN4-BKL-06", "this board compensates within arcs (MN4-AMB-58)")

@@ -128,17 +128,17 @@ def the_angle_says_how_far_an_arc_goes(session: Session) -> None:
 
 @check("MN4-CMD-A-02", "MN4-CMD-A-04", "MN4-STM-01", safety=MOTION)
 def an_arc_that_waits_begins_where_what_is_before_it_ends(session: Session) -> None:
-    """In absolute mode, behind a move, a helix and an arc that wait as it does: it is taken, and
-    runs to its end."""
+    """In absolute mode, behind a move, a contour, a helix and an arc that wait as it does: it is
+    taken, and runs to its end."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(300, "these motions")
     if int(motion.driver.reading("queue_depth")) < QUEUED:
         session.skip("the queue of this board is too short (MN4-AMB-52)")
     names = ("MN4-CMD-A-02", "MN4-CMD-A-04")
     beside = int(float(motion.driver.reading("arc_radius_tol")))
-    for before in ("M60,-40,20", "+-50,0,-100,0,1,70,1"):
+    for before in (("M60,-40,20",), ("(", "M50,20", "M-30,,40", ")"), ("+-50,0,-100,0,1,70,1",)):
         motion.ready(speed=500)
-        for text in ("M100", before, motion.mode(is_absolute=True)):
+        for text in ("M100", *before, motion.mode(is_absolute=True)):
             motion.do(text, "MN4-STM-01")
         for x, y, radius in ((1, 2, 40 - beside), (3, 2, 40 + beside)):  # a step off is refused
             motion.do(motion.plane(x, y, 4), "MN4-STM-01")

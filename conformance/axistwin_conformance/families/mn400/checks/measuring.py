@@ -62,6 +62,25 @@ def _judge_count(
     session.expect(is_timely, "MN4-MEA-01", limits, waited, told)
 
 
+@check("MN4-MEA-01", safety=MOTION)
+def a_measurement_counts_what_is_left_of_a_move(session: Session) -> None:
+    """Begun shortly before the end of one, it counts its last ticks and none behind them."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(SLOW, "this move")
+    motion.ready(speed=SLOW, profile=(SLOW, SLOW, 10_000))
+    motion.do(f"M{SLOW},{-SLOW // 3}", "MN4-MEA-01")
+    motion.wait_until(motion.ends[0] - Fraction(MEASURES_S[1]) * 2 / 3)
+    exchange = motion.driver.draws("E1", DATA, "MN4-MEA-01")
+    fields = exchange.value.fields if exchange.value else None
+    session.expect(len(fields or ()) == AXES + 1, "MN4-MEA-01", "five numbers", fields)
+    assert fields is not None
+    started = motion.span(exchange)[0], Fraction(exchange.came_ns[0], NS)
+    low, high = motion.model.where(motion.widened(started))[0]
+    least, most = SLOW - high - 1, SLOW - low + 1
+    is_right = least <= fields[-1] <= most
+    session.expect(is_right, "MN4-MEA-01", f"{least} to {most}", fields[-1], "to E1")
+
+
 @check("MN4-CMD-E-04", "MN4-MEA-04", safety=MOTION)
 def a_measurement_disturbs_nothing(session: Session) -> None:
     """Its positions are those of its end, or of its begin; the move goes on, and that of one axis

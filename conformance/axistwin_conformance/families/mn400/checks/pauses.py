@@ -46,16 +46,16 @@ def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[
 @check("MN4-CMD-PAU-01", "MN4-CMD-PAU-02", "MN4-CMD-N-01", "MN4-MEA-05", "MN4-PAU-01",
        "MN4-CMD-SW-02", safety=MOTION)  # fmt: skip
 def a_move_stands_where_it_is_paused(session: Session) -> None:
-    """Half-way at start speed, and braking to it from a higher one; E and N add up to the whole, :
-    tells of the pause, and } goes on to the end."""
+    """Half-way at start speed, and braking to it from a higher one, with a multiplex as well; E and
+    N add up to the whole, : tells of the pause, and } goes on to the end."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(2000, "these moves")
-    for speed, by, at_s in (
-        (1000, (2000, 0, 0, 0), 1.0), (3000, (2000, -500, 0, 1), 0.4),
-        (3000, (-2000, 0, 0, 0), 0.1),
+    for multiplex, speed, by, at_s in (
+        (1, 1000, (2000, 0, 0, 0), 1.0), (4, 3000, (2000, -500, 0, 1), 0.4),
+        (1, 3000, (-2000, 0, 0, 0), 0.1),
     ):  # fmt: skip
-        motion.ready(speed=speed, profile=(1000, 5000, 5000))
+        motion.ready(f"X{multiplex}", speed=speed, profile=(1000, 5000, 5000))
         motion.do(f"M{','.join(map(str, by))}", "MN4-CMD-PAU-01")
         driver.target.wait(at_s)
         exchange = driver.draws("{", ("START", "DONE"), "MN4-CMD-PAU-01")
@@ -75,7 +75,7 @@ def a_move_stands_where_it_is_paused(session: Session) -> None:
         _judge_flags(motion, is_paused=True)
         motion.do("}", "MN4-CMD-PAU-02")
         _judge_flags(motion, is_paused=False)
-        rows = motion.follow("MN4-CMD-PAU-02", samples=4)
+        rows = (here, *motion.follow("MN4-CMD-PAU-02", samples=4))
         session.expect(is_monotone(rows, by), "MN4-CMD-PAU-02", f"no way back on {by}", rows)
 
 

@@ -46,6 +46,7 @@ OTHER_PROGRAM: Final = ("Y500",)
 FAST: Final = 4  # of ~: 115200 baud
 STEPS: Final = 6
 MOTION: Final = ("L0,0,0,0", PROFILE, "V100")
+UP_S: Final = 1.0  # by which a board should hear
 SETTLE_S: Final = 0.3  # a move of 6 steps takes 0.06 s, one behind a compensation 0.4 s
 AT_REST: Final = (0, 0, 0, 0)
 
@@ -116,6 +117,21 @@ def states_and_flags_are_those_of_power_on(session: Session) -> None:
         session.expect(flags["FeedHold"] == usual, "MN4-PWR-02", f"feed hold {usual}", flags)
         others = [flags[name] for name in ("PauseFlag", "PauseState", "AbortFlag")]
         session.expect(not any(others), "MN4-PWR-02", "no flag", flags)
+
+
+@check("MN4-PWR-02", safety="rig", needs=POWER)
+@restoring("L")
+def what_was_said_last_does_not_outlive_the_supply(session: Session) -> None:
+    """& behind a power cycle does not repeat the counters that E told before it."""
+    driver = BoardDriver(session)
+    driver.command("L5,6,7,8")
+    driver.position()
+    switch_on(driver)
+    session.target.wait(UP_S)
+    again = driver.ask("&")
+    told = again.value.fields if again.value is not None else None
+    session.step(serves_again(driver), "a board that answers after power-up", "it does not")
+    session.expect(told != (5, 6, 7, 8), "MN4-PWR-02", "not the counters of before", told)
 
 
 @check("MN4-PWR-01", "MN4-PWR-03", safety=MOVED, needs=POWER)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Final
 
@@ -10,6 +11,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import (
     CLOCK_ERROR,
+    NS,
     RIG_MOTION,
     BoardMotion,
 )
@@ -22,14 +24,17 @@ TAP_S: Final = 0.05
 BETWEEN_S: Final = 0.1
 HELD_S: Final = 1.0  # an input is held for so much longer than what may be a tap
 JOG_SPEED: Final = 400
+LASH: Final = 400  # steps: at the jog speed as long as an input is held
+BY: Final = 50
 PROFILE: Final = (1000, 5000, 10_000)  # starts above the jog speed: no ramps
-READ_S: Final = Fraction(1, 20)  # by which the instants of a rig and a reading may lie apart
 
 
-def hold(motion: BoardMotion, name: str) -> None:
-    """Press a jog input of axis 1 until the board must have told that from a tap."""
-    motion.session.rig.work(name, True, number=1)
+def hold(motion: BoardMotion, name: str, axis: int = 0) -> tuple[int, int]:
+    """Press a jog input until the board must have told that from a tap; axis from 0.  When it was
+    pressed, ns."""
+    pressed = motion.session.rig.work(name, True, number=axis + 1)
     motion.target.wait(int(motion.driver.reading("jog_hold_ms")) / 1000 + HELD_S)
+    return pressed
 
 
 def tap(motion: BoardMotion, axis: int, direction: int, times: int = 1) -> tuple[int, ...]:
@@ -128,6 +133,46 @@ def a_held_input_runs_at_the_jog_speed(session: Session) -> None:
         motion.stays("MN4-JOG-05")
         driver.command("J0")
         motion.ready(f"Y{JOG_SPEED}", "G1000,1000,1000,1000,1000", profile=PROFILE)
+
+
+@check("MN4-BKL-01", "MN4-BKL-02", safety=RIG_MOTION, needs=(*JOG, "rig:jog_pot"))
+def jogging_turns_only_the_axis_that_it_moves(session: Session) -> None:
+    """The others, whatever they remember, are not compensated before it and keep what they
+    remember; this one remembers the way that it went."""
+    motion = jogging(session)
+    session.rig.work("jog_pot", 100)
+    for axis in range(AXES):
+        for direction in (1, -1):
+            _judge_turn(motion, axis, direction)
+
+
+def _judge_turn(motion: BoardMotion, axis: int, direction: int) -> None:
+    """Hold the input of an axis that has no backlash, all remembering the other direction."""
+    memory, lash = [-direction] * AXES, [LASH] * AXES
+    lash[axis] = 0
+    motion.ready(f"Y{JOG_SPEED}", "G1,1,1,1,1", "V500", _listed("B", lash), _listed("D", memory),
+                 profile=PROFILE)  # fmt: skip
+    motion.driver.command("J1")
+    name = "jog_plus" if direction > 0 else "jog_minus"
+    pressed = hold(motion, name, axis)
+    counters, now = motion.read()
+    motion.session.rig.work(name, False, number=axis + 1)
+    motion.rest()
+    motion.driver.command("J0")
+    late = Fraction(int(motion.driver.reading("jog_hold_ms")), 1000) + Fraction(LASH, JOG_SPEED) / 2
+    least = JOG_SPEED * (now[0] - Fraction(pressed[1], NS) - late)
+    went = direction * counters[axis]
+    motion.session.expect(went >= least, "MN4-BKL-01", f"{float(least):.0f} at least", went)
+    memory[axis] = direction
+    motion.model.accept(_listed("D", memory), motion.now)
+    motion.do(_listed("B", [BY] * AXES), "MN4-BKL-02")
+    for moved in (axis, (axis + 1) % AXES):
+        by = [direction * BY if moved == other else 0 for other in range(AXES)]
+        motion.run(_listed("M", by), "MN4-BKL-02", samples=2)
+
+
+def _listed(letter: str, values: Sequence[int]) -> str:
+    return letter + ",".join(map(str, values))
 
 
 @check("MN4-JOG-08", safety=RIG_MOTION, needs=(*JOG, "rig:limit_plus", "rig:shield"))

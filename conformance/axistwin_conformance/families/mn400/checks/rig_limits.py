@@ -114,11 +114,14 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
             motion.run(alone(axis, -direction * 30), ("MN4-LIM-02", "MN4-BKL-01"))
             motion.do("B0,0,0,0", "MN4-BKL-01")
         before, _ = motion.read()
-        driver.command(alone(axis, direction * 50))
-        after = motion.stays("MN4-LIM-06")
-        session.expect(after == before, "MN4-LIM-06", before, after)
-        code, value = driver.exit_code(), limit_value(axis, direction)
-        session.expect(code == value, "MN4-LIM-06", value, code, "exit code")
+        value = limit_value(axis, direction)
+        for steps in (50, 1):
+            driver.command("|")
+            driver.command(alone(axis, direction * steps))
+            after = motion.stays("MN4-LIM-06")
+            session.expect(after == before, "MN4-LIM-06", before, after)
+            code = driver.exit_code()
+            session.expect(code == value, "MN4-LIM-06", value, code, "exit code")
         session.rig.work("limit_plus", True, number=other + 1)
         by = [0] * AXES
         by[axis], by[other] = direction * 50, 50

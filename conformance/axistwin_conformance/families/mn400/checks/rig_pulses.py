@@ -87,6 +87,22 @@ def _judge_pulses(motion: BoardMotion, base: Sequence[int], pulses: int) -> None
         motion.session.expect(is_right, names, told(place), counters, f"after {done} of {pulses}")
 
 
+@check("MN4-STM-01", safety=RIG_MOTION, needs=PULSES)
+def a_move_waits_for_the_last_pulse_of_a_thread(session: Session) -> None:
+    """One that is queued behind it moves nothing before, and needs no pulses."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(100, "these moves")
+    motion.ready()
+    for text in ("T50,0,0,0,50", "M0,50"):
+        motion.driver.draws(text, DONE, "MN4-STM-01")
+    if motion.driver.reading("threader_start") == "index":
+        session.rig.work("index", True)
+    for pulses, wanted in ((49, (49, 0, 0, 0)), (1, (50, 50, 0, 0))):
+        session.rig.work("pulses", pulses)
+        counters = motion.rest()
+        session.expect(counters == wanted, "MN4-STM-01", wanted, counters)
+
+
 @check("MN4-THR-01", "MN4-THR-03", "MN4-THR-04", "MN4-CMD-T-01", safety=RIG_MOTION, needs=SPINDLE)
 def a_thread_keeps_step_with_its_spindle(session: Session) -> None:
     """From the index on each step comes with its pulse, whatever the rate; none beyond the last."""
@@ -219,3 +235,21 @@ def at_a_negative_speed_pulses_pace_every_move(session: Session) -> None:
     after = fed(motion, 300)
     wanted = (-200, 0, 0, 0)
     session.expect(after == wanted, "MN4-CMD-A-05", wanted, after, "after 400 pulses")
+
+
+@check("MN4-CMD-V-02", safety=RIG_MOTION, needs=("rig:pulses",))
+def a_contour_waits_for_the_pulses_of_a_segment(session: Session) -> None:
+    """Of three segments that of a negative speed advances with its pulses; the one behind it begins
+    when they have come."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(150, "this contour")
+    if motion.driver.reading("contour_pulses") != "paced":
+        session.skip("no pulses pace the contours of this board (MN4-AMB-73)")
+    motion.ready()
+    for text in ("(", "V1000", "M50", "V-1", "M50", "V1000", "M50", ")"):
+        motion.driver.draws(text, DONE, "MN4-CMD-V-02")
+    for pulses, wanted in ((0, 50), (20, 70), (30, 150)):
+        if pulses:
+            session.rig.work("pulses", pulses)
+        counters = motion.rest()
+        session.expect(counters == (wanted, 0, 0, 0), "MN4-CMD-V-02", wanted, counters)

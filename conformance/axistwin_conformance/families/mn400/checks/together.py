@@ -25,6 +25,7 @@ MOVE_S: Final = STEPS / SPEED
 SLACK_S: Final = 0.02  # within which boards that hear one K begin
 LONG: Final = -2_000_000_000  # a counter that takes as many characters as any
 LONGEST_VALUE: Final = 60  # bytes of the longest packet that E draws
+MEASURE_S: Final = 0.1  # what E1 takes
 TALKS: Final = 12  # exchanges with one board that the others hear
 
 
@@ -163,6 +164,27 @@ def an_order_to_all_boards_is_carried_out_by_each(session: Session) -> None:
             )
             names = ("MN4-DROP-04", "MN4-PKT-07")
             session.expect(sorted(values) == wanted, names, wanted, values)
+        _judge_measurement(boards, exchange, reading)
+
+
+def _judge_measurement(boards: Sequence[BoardDriver], plain: BoardExchange, reading: str) -> None:
+    """E1 to all boards: what each draws is longer than of E, so that no board begins sooner."""
+    first, last = boards[0], max(driver.board for driver in boards)
+    limit_s = first.slots_s(LONGEST_VALUE) + MEASURE_S * last
+    measured = first.client.ask_all("E1", limit_s)
+    _judge_replies(boards, measured, reading, DATA)
+    if reading == "staggered":
+        slack_ns = SLACK_S / 10 * 1e9 + first.target.uncertainty_ns
+        before, after = _began_ns(plain), _began_ns(measured)
+        early = [board for board in before if after.get(board, 0) < before[board] - slack_ns]
+        told = f"no reply before those to E, by board: {before} ns"
+        first.session.expect(not early, "MN4-DROP-04", told, f"{after} ns")
+
+
+def _began_ns(exchange: BoardExchange) -> dict[int, int]:
+    """How long after the request the first packet of each board was there."""
+    came = zip(exchange.found, exchange.came_ns, strict=True)
+    return {packet.board: at_ns - exchange.asked_ns for packet, at_ns in [*came][::-1]}
 
 
 def _judge_replies(

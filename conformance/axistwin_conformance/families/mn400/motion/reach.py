@@ -1,7 +1,9 @@
-"""What may be true of the axes of one board, for the travel guard: where each is and may go."""
+"""What may be true of the axes of one board, for the travel guard: where each is and may go, and
+where its counters say that it is."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, TypeVar
 
@@ -9,6 +11,7 @@ from axistwin_conformance.families.mn400.planner.vector import AXES, Window
 
 STILL: Final = (0, 0)
 MOST_ALTERNATIVES: Final = 8
+TURN: Final = 1 << 32  # of a counter
 Box = tuple[Window, ...]  # of all axes
 Value = TypeVar("Value")
 
@@ -144,15 +147,19 @@ class BoardReach:
             turned = join(slack, turned)
         return (slack if memory == sign else turned), sign
 
+    def turned(self, axes: Collection[int]) -> BoardReach:
+        """The same if these axes may have turned, or have not."""
+        lash = tuple(by if axis in axes else 0 for axis, by in enumerate(self.lash))
+        slack = tuple(map(_wider, self.slack, lash))
+        memory = tuple(None if axis in axes else was for axis, was in enumerate(self.memory))
+        slack_reach = joined_boxes(self.slack_reach, slack)
+        return replace(self, slack=slack, slack_reach=slack_reach, memory=memory)
+
     def entered(self, letter: str) -> BoardReach:
         """The same with an entry open; a contour may turn every axis."""
         entered = replace(self, entry=letter, lines=())
         if letter == "(":
-            slack = tuple(map(_wider, self.slack, self.lash))
-            return replace(
-                entered, slack=slack, slack_reach=joined_boxes(self.slack_reach, slack),
-                memory=(None,) * AXES,
-            )  # fmt: skip
+            return entered.turned(range(AXES))
         if letter == "Z":
             return replace(entered, program=None)
         return replace(entered, configuration=None)
@@ -183,6 +190,32 @@ class BoardReach:
             else other.jogs_since_ns,
             seen=None,
         )
+
+
+def _place(offset: Window, counter: int, reach: Window) -> Window:
+    """Where an axis of that counter is, which goes round at 32 bits (MN4-MOT-06): of all places the
+    nearest to where it may be."""
+    places = [shift(offset, (counter + round_, counter + round_)) for round_ in (0, TURN, -TURN)]
+    return min(places, key=lambda place: max(0, place[0] - reach[1], reach[0] - place[1]))
+
+
+def axes_elsewhere(
+    offset: Box, counters: Sequence[int], reach: Box, swing: int
+) -> list[tuple[int, Window]]:
+    """The axes that would be outside of their reach by more than that, and where."""
+    rows = enumerate(zip(offset, counters, reach, strict=True))
+    found = ((axis, _place(*row), row[2]) for axis, row in rows)
+    return [
+        (axis, place)
+        for axis, place, (low, high) in found
+        if shared(place, (low - swing, high + swing)) is None
+    ]
+
+
+def places_of(offset: Box, counters: Sequence[int], reach: Box) -> Box:
+    """Where the axes of these counters are, none of which is elsewhere."""
+    rows = zip(offset, counters, reach, strict=True)
+    return tuple(shared(_place(*row), row[2]) or row[2] for row in rows)
 
 
 def _wider(window: Window, by: int) -> Window:

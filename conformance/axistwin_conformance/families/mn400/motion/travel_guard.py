@@ -41,19 +41,19 @@ from axistwin_conformance.families.mn400.motion.reach import (
     BoardReach,
     Box,
     alternatives,
+    axes_elsewhere,
     join,
     joined_boxes,
-    shared,
+    places_of,
     shift,
 )
 from axistwin_conformance.families.mn400.motion.rig_controls import HALTING, JOGGING, POWER_NAME
-from axistwin_conformance.families.mn400.planner.vector import AXES, Window
+from axistwin_conformance.families.mn400.planner.vector import AXES
 from axistwin_conformance.families.mn400.words import command_words
 
 MARGIN_NS: Final = 30_000_000  # a stop takes 5 ms at 9600 baud; the rest is our own reaction
 STRAY: Final = 4  # steps by which an arc may leave its circle (MN4-ARC-02, MN4-ARC-04)
 SWING: Final = 10  # steps by which a counter may be off without its board counting as a runaway
-TURN: Final = 1 << 32  # of a counter
 LONGEST: Final = 512  # bytes of a request in pieces: no board keeps more
 PACKET: Final = re.compile(rb"(?=([\x80-\xff])([\x00-\x7f]+)\1([\x00-\x7f]))")
 NUMBER: Final = re.compile("-?[0-9]+")
@@ -341,7 +341,13 @@ class BoardTravelGuard:
 
     # --- the rig ----------------------------------------------------------------------------------
 
-    def worked(self, name: str, window: tuple[int, int], disturbed: Collection[str] = ()) -> None:
+    def worked(
+        self,
+        name: str,
+        window: tuple[int, int],
+        disturbed: Collection[str] = (),
+        number: int | None = None,
+    ) -> None:
         """The rig has worked `name` in this window of the clock, ns; see `TravelLimiter.worked`."""
         self._is_halting = not set(HALTING).isdisjoint(disturbed)
         for board, state in tuple(self.boards.items()):
@@ -351,8 +357,9 @@ class BoardTravelGuard:
                 self.boards[board] = state.cut_short()
             elif name in JOGGING and (state.is_jogging or name in JOGGING[:1]):
                 since_ns = window[0] if state.jogs_since_ns is None else state.jogs_since_ns
+                turned = state.turned(range(AXES) if number is None else (number - 1,))
                 self.boards[board] = replace(
-                    state.grown(window[1]), jogs_since_ns=since_ns, motions=1, begun_by="J"
+                    turned.grown(window[1]), jogs_since_ns=since_ns, motions=1, begun_by="J"
                 )
 
     def _restarted(self, state: BoardReach) -> BoardReach:
@@ -392,6 +399,8 @@ class BoardTravelGuard:
                 self._learn(board, asked, packet)
             return
         is_refused = said in REFUSED or (said == "MOVEPENDING" and self._is_kept_out(asked))
+        if is_refused and asked.command == ")":
+            return  # it may have forgotten its segments: what the board takes next tells
         if is_refused:
             self.boards[board] = self._before.get(board, self._after[board])
         elif said in OBEYED or (
@@ -425,9 +434,9 @@ class BoardTravelGuard:
     def _located(self, state: BoardReach, counters: tuple[int, ...]) -> BoardReach:
         """Narrow down by a reading, where nothing can be moving (rule 3)."""
         found = [
-            _places(box, counters, state.reach)
+            places_of(box, counters, state.reach)
             for box in state.offsets
-            if not _elsewhere(box, counters, state.reach, 0)
+            if not axes_elsewhere(box, counters, state.reach, 0)
         ]
         here = joined_boxes(*found) if found else state.reach
         has_arrived = state.motions == 1 and state.begun_by == "M" and here == state.tip
@@ -446,7 +455,7 @@ class BoardTravelGuard:
     def _is_runaway(self, board: int, state: BoardReach, counters: tuple[int, ...]) -> bool:
         """True if a board is seen where nothing it was asked for leads; told for good when the next
         reading says the same."""
-        elsewhere = [_elsewhere(box, counters, state.reach, SWING) for box in state.offsets]
+        elsewhere = [axes_elsewhere(box, counters, state.reach, SWING) for box in state.offsets]
         if not all(elsewhere):
             self._doubtful.discard(board)
             return False
@@ -500,32 +509,6 @@ def _numbers(text: str) -> list[int | None]:
     return [None if one is None else codec.number_in(one[0]) for one in found]
 
 
-def _place(offset: Window, counter: int, reach: Window) -> Window:
-    """Where an axis of that counter is, which goes round at 32 bits (MN4-MOT-06): of all places the
-    nearest to where it may be."""
-    places = [shift(offset, (counter + round_, counter + round_)) for round_ in (0, TURN, -TURN)]
-    return min(places, key=lambda place: max(0, place[0] - reach[1], reach[0] - place[1]))
-
-
-def _elsewhere(
-    offset: Box, counters: Sequence[int], reach: Box, swing: int
-) -> list[tuple[int, Window]]:
-    """The axes that would be outside of their reach by more than that, and where."""
-    rows = enumerate(zip(offset, counters, reach, strict=True))
-    found = ((axis, _place(*row), row[2]) for axis, row in rows)
-    return [
-        (axis, place)
-        for axis, place, (low, high) in found
-        if shared(place, (low - swing, high + swing)) is None
-    ]
-
-
-def _places(offset: Box, counters: Sequence[int], reach: Box) -> Box:
-    """Where the axes of these counters are, none of which is elsewhere."""
-    rows = zip(offset, counters, reach, strict=True)
-    return tuple(shared(_place(*row), row[2]) or row[2] for row in rows)
-
-
 def _finished(state: BoardReach, packet: BoardPacket) -> BoardReach:
     """N with nothing left: a lone move, that nothing has ended or kept, is over (MN4-CMD-N-02)."""
     is_alone = state.motions == 1 and state.begun_by == "M" and not (state.holds or state.entry)
@@ -577,6 +560,10 @@ def _hold(guard: BoardTravelGuard, state: BoardReach, numbers: Sequence[int | No
     return replace(state, holds=numbers[:1] != [0])
 
 
+def _close(guard: BoardTravelGuard, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
+    return replace(state, entry="")
+
+
 def _enter(letter: str) -> Act:
     return lambda guard, state, numbers: state.entered(letter)
 
@@ -587,5 +574,5 @@ _ACTS: Final[Mapping[str, Act]] = {
     "P": BoardTravelGuard._plane, "Q": BoardTravelGuard._halt, "J": BoardTravelGuard._jog,
     "B": BoardTravelGuard._lash, "D": BoardTravelGuard._remembered, "V": _speed, "F": _profile,
     "Y": _jog_speed, "H": _hold,
-    "(": _enter("("), "Z": _enter("Z"), ".": _enter("."),
+    "(": _enter("("), ")": _close, "Z": _enter("Z"), ".": _enter("."),
 }  # fmt: skip
