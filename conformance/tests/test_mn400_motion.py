@@ -141,6 +141,8 @@ WRONG: dict[str, tuple[Make, str]] = {
         hears(("A-300,-300,-600,-600,1", "A-300,-300,-600,-600,-1")), "MN4-BKL-06",
     ),
     "a_measurement_counts_ticks": (hears(("X4", "X2")), "MN4-CMD-E-03"),
+    "a_measurement_counts_what_is_left_of_a_move": (
+        hears(("M500,-167", "M480,-167")), "MN4-MEA-01"),
     "a_limit_ends_what_moves_towards_it": (says("/", lambda told: [told[0] ^ 3]),
                                            "MN4-CMD-EXIT-01"),
     "a_limit_meets_an_arc_where_it_turns_round": (says("/", lambda told: [told[0] ^ 3]),
@@ -159,12 +161,16 @@ WRONG: dict[str, tuple[Make, str]] = {
         hears(("T100,-53,0,7,1000,0", "T100,-53,0,7,1050,0")), "MN4-THR-01"),
     "a_thread_waits_for_a_spindle_that_stands": (
         hears(("T100,-53,0,7,2000", "T100,-53,0,7,1500")), "MN4-THR-01"),
+    "a_move_waits_for_the_last_pulse_of_a_thread": (hears(("M0,50", "M0,51")), "MN4-STM-01"),
     "threading_knows_no_speed": (hears(("Q", "|")), "MN4-CMD-T-03"),
     "threading_waits_and_bounds_its_steps": (hears(("T100,0,0,0,200", "M100")), "MN4-CMD-T-03"),
     "at_a_negative_speed_pulses_pace_every_move": (hears(("V-1", "V500")), "MN4-CMD-V-02"),
+    "a_contour_waits_for_the_pulses_of_a_segment": (hears(("V-1", "V500")), "MN4-CMD-V-02"),
     "taps_move_in_jog_mode_alone": (hears(("J0", "J1")), "MN4-JOG-07"),
     "taps_add_up_to_whole_steps": (hears(("G10,10,10,10,8", "G10,10,10,10,9")), "MN4-JOG-03"),
     "a_held_input_runs_at_the_jog_speed": (hears(("Y400", "Y440")), "MN4-JOG-05"),
+    "jogging_turns_only_the_axis_that_it_moves": (
+        hears(("D-1,-1,-1,-1", "D1,1,1,1")), "MN4-BKL-02"),
 }  # fmt: skip
 # Checks of what the manual leaves open: another behaviour is told and fails nobody.
 OPEN: dict[str, Make] = {

@@ -112,13 +112,14 @@ def arcs_and_contours_are_compensated_before_they_begin(session: Session) -> Non
     motion = begun(session)
     if motion.driver.reading("backlash_arc") == "start_only":
         around = "-300,-300,-600,-600"
-        for arc in (
-            f"A{around},1", f"A{around},-1", "A0,-50,-35,-15,-1",  # its end is off the circle
-            "+-50,0,-100,0,1,-60,1",
+        for arc, back in (
+            (f"A{around},1", "M0,50"), (f"A{around},-1", "M0,50"),
+            ("A0,-50,-35,-15,-1", "M0,50"),  # its end is off the circle
+            ("+-50,0,-100,0,1,-60,1", "M0,50"), ("+-50,0,-100,0,1,60,1", "M0,-50"),
         ):  # fmt: skip
             motion.ready(ALL, speed=SLOW)
             motion.run(arc, "MN4-BKL-06")
-            for text in ("M100", "M0,50", "M0,0,-50", "M-50"):
+            for text in ("M100", back, "M0,0,-50", "M-50"):
                 motion.run(text, "MN4-BKL-06")
     else:
         session.not_run("MN4-BKL-06", "this board compensates within arcs (MN4-AMB-58)")

@@ -141,7 +141,8 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
        needs=LIMITS)  # fmt: skip
 def a_limit_meets_an_arc_where_it_turns_round(session: Session) -> None:
     """A limit that is on ends an arc where an axis turns towards it, behind a pause too, and not
-    before; one that was let go by then stops nothing."""
+    before, that of an axis which sets out from its end too; one that was let go by then stops
+    nothing."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(2 * RADIUS, "these arcs")
     if motion.driver.reading("limit_direction") != "toward":
@@ -160,22 +161,28 @@ def a_limit_meets_an_arc_where_it_turns_round(session: Session) -> None:
                 motion.do("{", "MN4-LIM-02")
                 motion.target.wait(1.0)
                 motion.do("}", "MN4-LIM-02")
-            _judge_turn(motion, direction)
+            here = _judge_turn(motion, 3, direction, -direction * RADIUS)
+            if motion.driver.reading("limit_halts") == "all":
+                is_short = -2 * RADIUS < here[0] < 0
+                session.expect(is_short, "MN4-LIM-03", "axis 1 on its way", here)
             session.rig.work(limit_name(direction), False, number=3)
+    motion.ready("|", speed=SLOW)
+    session.rig.work("limit_plus", True, number=1)
+    motion.do(f"A{-RADIUS},0,{-RADIUS},{RADIUS},1", "MN4-LIM-02")
+    _judge_turn(motion, 1, 1, -2 * RADIUS)
+    session.rig.work("limit_plus", False, number=1)
 
 
-def _judge_turn(motion: BoardMotion, direction: int) -> None:
-    """Judge that axis 3 stands where the arc would turn round, and what the exit code says."""
+def _judge_turn(motion: BoardMotion, axis: int, direction: int, turn: int) -> tuple[int, ...]:
+    """Judge that an axis, from 1, stands where the arc would turn round, and what the exit code
+    says; give the counters."""
     session, here = motion.session, motion.rest()
-    turn = -direction * RADIUS
-    is_there = abs(here[2] - turn) <= STRAY
-    told = f"axis 3 within {STRAY} steps of {turn}, where it turns round"
+    is_there = abs(here[axis - 1] - turn) <= STRAY
+    told = f"axis {axis} within {STRAY} steps of {turn}, where it turns round"
     session.expect(is_there, ("MN4-LIM-01", "MN4-LIM-02"), told, here)
-    if motion.driver.reading("limit_halts") == "all":
-        is_short = -2 * RADIUS < here[0] < 0
-        session.expect(is_short, "MN4-LIM-03", "axis 1 on its way", here)
-    code, value = motion.driver.exit_code(), limit_value(2, direction)
+    code, value = motion.driver.exit_code(), limit_value(axis - 1, direction)
     session.expect(code == value, "MN4-CMD-EXIT-01", value, code, "exit code")
+    return here
 
 
 @check("MN4-LIM-07", "MN4-CMD-S-01", "MN4-CMD-S-02", safety=RIG_MOTION, needs=("rig:aux",))
