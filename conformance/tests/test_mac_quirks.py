@@ -176,8 +176,8 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             ("some_mixed_sequences_agree_with_the_model",),
         ),
         (
-            {"reply_latency_us": "450000", "vel_change_law": "step"},
-            ("some_mixed_sequences_agree_with_the_model",),
+            {"reply_latency_us": "450000", "vel_change_law": "constant_acceleration"},
+            ("many_mixed_sequences_agree_with_the_model",),
         ),
         # ones that mean nothing beside those that mean a stop, or an over-voltage
         (
