@@ -163,6 +163,22 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
                 "a_move_whose_counter_is_cleared_while_it_lags_ends_where_it_should",
             ),
         ),
+        # a ramp is as much slower as replies take longer; what cannot be told apart is not played
+        (
+            {"reply_latency_us": "450000", "stop_ramp_law": "ramp_length"},
+            (
+                "some_mixed_sequences_agree_with_the_model",
+                "a_ramped_stop_while_slowing_down_changes_nothing",
+            ),
+        ),
+        (
+            {"reply_latency_us": "450000", "ramp_law": "equal_increments"},
+            ("some_mixed_sequences_agree_with_the_model",),
+        ),
+        (
+            {"reply_latency_us": "450000", "vel_change_law": "constant_acceleration"},
+            ("many_mixed_sequences_agree_with_the_model",),
+        ),
         # ones that mean nothing beside those that mean a stop, or an over-voltage
         (
             {"reserved_bits": "1", "status_ff_layout": "shifted", "status_hh_bit": "6-0"},
@@ -172,7 +188,7 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             ),
         ),
     ],
-    ids=["late", "later", "ones"],
+    ids=["late", "later", "late stop", "late ramp", "late change", "ones"],
 )  # fmt: skip
 def test_two_readings_do_not_hide_one_another(
     quirks: dict[str, str], names: tuple[str, ...]

@@ -346,7 +346,7 @@ def a_ramped_stop_on_the_ramp_descends_what_was_climbed(session: Session) -> Non
 def a_ramped_stop_while_slowing_down_changes_nothing(session: Session) -> None:
     """17h on the descending ramp: that is where the axis was going anyway."""
     driver = driver_of(session)
-    start = driver.motion.ready(slow(session), 1)
+    start = driver.motion.ready(driver.limits.outlasting(60, slow(session), exchanges=1), 1)
     forecast = driver.motion.go(start + 200)
     end = forecast.end
     assert end is not None

@@ -432,7 +432,7 @@ def warnings_follow_the_supply_and_refuse_nothing(session: Session) -> None:
 def _judge_moves(driver: AxisDriver) -> None:
     """Every kind of motion is accepted and runs to its end."""
     start = driver.client.position()
-    way = driver.limits.way_outlasting(20, driver.motion.period, 4)
+    way = driver.limits.way_outlasting(20, driver.motion.period, 5)
     for command in driver.rig.motion_commands:
         moving = command.begin(driver.rig, start, way)
         if command.is_endless:

@@ -29,6 +29,12 @@ class AxisReadings:
         run.readings.setdefault(switch, readings[outcome])
         return outcome
 
+    def is_open(self, switch: str) -> bool:
+        """True if it was asked, and what the device did fits several readings."""
+        run = self._session.run
+        asked = run.detections.get(switch)
+        return asked is not None and len(asked.candidates) > 1 and switch not in run.readings
+
     def guessed(self, switch: str) -> int:
         """The same where a guess will do: see `Readings.guess`."""
         run = self._session.run

@@ -257,15 +257,22 @@ def _moved_by(driver: AxisDriver, exchange: AxisExchange, start: int, look_ms: i
     return sample.position - start
 
 
+def _ready_for_a_ramp(driver: AxisDriver, coefficient: int) -> tuple[int, float]:
+    """Where the axis then is, and how many times longer a ramp takes than at the speed for which
+    the pauses of a question are chosen: exchanges here must be short beside it."""
+    start = driver.motion.ready(driver.limits.unhurried(RAMP_PERIOD), coefficient)
+    return start, driver.motion.period / RAMP_PERIOD
+
+
 @probe(safety=MOVES)
 def ramp_law(driver: AxisDriver) -> Outcome:
     """A move of two ramps, sampled: the two laws differ by 1.69 in time."""
-    start = driver.motion.ready(RAMP_PERIOD, 2)
+    start, pace = _ready_for_a_ramp(driver, 2)
     distance = 2 * ramp_increments(2)
     exchange = driver.judge.accepted(0x13, start + distance)
     laws = [replace(driver.readings.law_of(2), ramp=name) for name in RAMP_LAWS]
     forecasts = [driver.motion.to_position(exchange, start, start + distance, law) for law in laws]
-    samples = driver.motion.sampled(0.45, 12)
+    samples = driver.motion.sampled(0.45 * pace, 12)
     driver.client.command(0x18)
     fitting = driver.motion.fit(samples, forecasts)
     if not fitting:
@@ -322,24 +329,26 @@ def vel_change_law(driver: AxisDriver) -> Outcome:
 @probe(safety=MOVES)
 def stop_ramp_law(driver: AxisDriver) -> Outcome:
     """17h in the middle of a ramp: the climbed increments are descended, or a whole ramp."""
-    start = driver.motion.ready(RAMP_PERIOD, 4)
-    distance = min(driver.limits.room(), 3 * ramp_increments(4))
+    start, pace = _ready_for_a_ramp(driver, 4)
+    whole = ramp_increments(4)
+    distance = min(driver.limits.room(), 3 * whole)
     exchange = driver.judge.accepted(0x13, start + distance)
-    driver.client.wait(0.05)
+    driver.client.wait(0.05 * pace)
     stop = driver.judge.accepted(0x17)
     moving = driver.motion.to_position(
         exchange, start, start + distance, replace(driver.readings.law_of(4), stop="climbed")
     )
-    samples = driver.motion.sampled(0.6, 8)
-    if driver.motion.fit(samples, [moving.stopped(stop.taken)]):
-        return 0
+    samples = driver.motion.sampled(0.6 * pace, 8)
+    stopped = moving.stopped(stop.taken)
     # Of the other reading only the number of increments is given, not their periods.
-    done = [1 + place - start for place in moving.bounds(stop.taken)]
-    driver.client.wait(2.0)
-    rest, whole = driver.client.position() - start, ramp_increments(4)
+    first, last = (whole + 1 + place for place in moving.bounds(stop.taken))
     slack = 2 + driver.limits.allowance(driver.motion.period)
-    is_whole = done[0] + whole - slack <= rest <= done[1] + whole + slack
-    return 1 if is_whole else f"at rest {rest} increments on"
+    if driver.motion.fit(samples, [stopped]):
+        return 0 if stopped.final[1] < first - slack else (0, 1)
+    driver.client.wait(2.0 * pace)
+    rest = driver.client.position()
+    is_whole = first - slack <= rest <= last + slack
+    return 1 if is_whole else f"at rest {rest - start} increments on"
 
 
 @probe(safety=MOVES, needs=("virtual",))

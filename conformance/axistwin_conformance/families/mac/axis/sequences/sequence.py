@@ -133,10 +133,12 @@ class AxisSequence(Steps):
         return number
 
     def follows(self, *switches: str) -> bool:
-        """True if the device follows the default readings of these switches, as far as known."""
+        """True if the device follows the default readings of these switches, as far as known, and
+        was not asked in vain."""
         follows = self._follows.get(switches)
         if follows is None:
-            follows = not any(self.known(switch) for switch in switches)
+            is_open = self.driver.readings.is_open
+            follows = not any(self.known(switch) or is_open(switch) for switch in switches)
             self._follows[switches] = follows
         return follows
 
