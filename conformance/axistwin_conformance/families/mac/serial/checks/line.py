@@ -232,12 +232,17 @@ def general_commands_are_executed_by_all(session: Session) -> None:
 
 def _judge_who_replies(everybody: list[SerialDriver], period: int) -> None:
     """Tell by its contents whose the answer to all is: with FF in it, no address says so."""
-    query, owns = PARAMETERS[0x0D].query, {}
-    for number, driver in enumerate(everybody):
-        driver.client.command(0x0D, period + number)
-        owns[driver.client.address] = period + number
-    reply = general(everybody[0], query).reply
-    if reply.kind is ReplyKind.ANSWER and reply.data is not None and 0 in owns:
+    owns = {driver.client.address: driver.client.parameter(0x0D) for driver in everybody}
+    if 0 not in owns:
+        return
+    if owns[0] == period:
+        period += 1
+    for driver in everybody:
+        if driver.client.address:
+            driver.client.command(0x0D, period)
+            owns[driver.client.address] = period
+    reply = general(everybody[0], PARAMETERS[0x0D].query).reply
+    if reply.kind is ReplyKind.ANSWER and reply.data is not None:
         told = PARAMETERS[0x0D].read(reply.data)
         whose = next((f"{one:02X}" for one, own in owns.items() if own == told), "nobody")
         everybody[0].session.expect(
