@@ -179,6 +179,16 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             {"reply_latency_us": "450000", "vel_change_law": "constant_acceleration"},
             ("many_mixed_sequences_agree_with_the_model",),
         ),
+        # what is left of a torque above Imax may be above it, too
+        (
+            {"torque_over": "mask", "imax_value": "104"},
+            ("the_torque_limit_ends_at_imax",),
+        ),
+        # what a restart brings may be what was written
+        (
+            {"persist_modes": "volatile", "factory_stops": "8"},
+            ("some_mixed_sequences_agree_with_the_model",),
+        ),
         # ones that mean nothing beside those that mean a stop, or an over-voltage
         (
             {"reserved_bits": "1", "status_ff_layout": "shifted", "status_hh_bit": "6-0"},
@@ -188,7 +198,7 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             ),
         ),
     ],
-    ids=["late", "later", "late stop", "late ramp", "late change", "ones"],
+    ids=["late", "later", "late stop", "late ramp", "late change", "masked", "kept", "ones"],
 )  # fmt: skip
 def test_two_readings_do_not_hide_one_another(
     quirks: dict[str, str], names: tuple[str, ...]

@@ -68,7 +68,7 @@ def excessive_torque(driver: AxisDriver, imax: int, value: int) -> int | tuple[i
     """What a torque above Imax does: refused and kept, taken as the highest, or some bits of it."""
     kind, after = _torque_after(driver, value)
     if kind is ReplyKind.REFUSED and after == PLAIN_TORQUE:
-        return 0
+        return 0 if value & 0x7F <= imax else (0, 2)  # what is left of it may be too much as well
     highest = imax - (driver.session.reading("torque_range") == "exclusive")
     taken_as = {1: (highest,), 2: (value & (imax - 1), value & 0x7F)}
     fitting = tuple(number for number, values in taken_as.items() if after in values)

@@ -233,15 +233,19 @@ def _listens_after(driver: AxisDriver, deaf_ms: int) -> bool:
 
 @probe(safety=MOVES)
 def persist_modes(driver: AxisDriver) -> Outcome:
-    """02h, 03h and 1Ch changed, 00h, 26h."""
+    """02h and 03h changed, 00h, 26h; and changed back, for either may be as from the factory."""
     driver.motion.ready()
-    now = driver.client.value(0x26) & 0xFFFF
-    driver.client.command(0x02, 1 - (now >> 12 & 1))
-    driver.client.command(0x03, 8 if now >> 8 & 0xF == 0 else 0)
-    changed = driver.client.value(0x26) & 0xFFFF
-    driver.motion.reinitialise()
-    after = driver.client.value(0x26) & 0xFFFF
+    are_kept = True
+    for _ in range(2):
+        now = driver.client.value(0x26) & 0xFFFF
+        driver.client.command(0x02, 1 - (now >> 12 & 1))
+        driver.client.command(0x03, 8 if now >> 8 & 0xF == 0 else 0)
+        changed = driver.client.value(0x26) & 0xFFFF
+        if changed == now:
+            driver.session.skip("02h and 03h change nothing")
+        driver.motion.reinitialise()
+        are_kept &= driver.client.value(0x26) & 0xFFFF == changed
+        if not are_kept:
+            break
     driver.motion.ready()
-    if changed == now:
-        driver.session.skip("02h and 03h change nothing")
-    return 0 if after == changed else 1
+    return 0 if are_kept else 1
