@@ -161,6 +161,7 @@ _ENDPOINTS: Final[Mapping[type[Section], tuple[str, ...]]] = {
     BusSection: ("can", "slcan", "slcan_tcp", "socketcand"),
 }
 _CARRIERS: Final[Mapping[type[Section], Carrier]] = {LineSection: "serial", BusSection: "can"}
+_REPEATED: Final = ("line", "bus", "faults")  # sections of which there may be several
 _WRITTEN: Final[Mapping[Carrier, str]] = {"serial": "[[line]]", "can": "[[bus]]"}
 
 
@@ -243,8 +244,16 @@ def _problems_of_keys(error: ValidationError) -> Problems:
             yield place, f"name {name!r}: 1 to 64 letters, digits, '-', '_' and '.'"
         else:
             told = each["msg"].removeprefix("Value error, ")
-            told = told[0].lower() + told[1:]
+            told = _form_of(place, each["type"]) or told[0].lower() + told[1:]
             yield place, f"{key} is {shown(each['input'])}: {told}"
+
+
+def _form_of(place: KeyPath, kind: str) -> str:
+    """How a section is written, where something else stands in its place."""
+    path = ".".join(str(part) for part in place if not isinstance(part, int))
+    if path.split(".")[-1] in _REPEATED and kind in ("list_type", "dict_type", "model_type"):
+        return f"write it as a section, [[{path}]]"
+    return f"write it as a section, [{path}]" if kind in ("dict_type", "model_type") else ""
 
 
 def _keys_around(place: KeyPath) -> list[str]:
