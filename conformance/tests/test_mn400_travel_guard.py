@@ -233,8 +233,7 @@ def test_backlash_counts_where_it_may_be_made_up_for(line: Line) -> None:
 
 
 def test_jogging_may_turn_the_axis_that_is_jogged(line: Line) -> None:
-    """Its backlash may have been taken up either way, and by a move behind it; that of another axis
-    was not."""
+    """Its backlash may have been taken up either way; that of another axis was not."""
     for text in ("B0,100,100,0", "Y2", "J1"):
         line.say(text)
     line.work("jog_minus", number=2)

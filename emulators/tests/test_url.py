@@ -43,7 +43,7 @@ def arm(request: pytest.FixtureRequest) -> str:
 @pytest.fixture
 def brief_s(arm: str) -> float:
     """A time-out to be waited out, in which an answer has come."""
-    return 1.0 if arm == "pty" else 0.1  # on a pty, another thread has to be given the time
+    return 0.1 if arm == "virtual" else 1.0  # another thread has to be given the time
 
 
 @pytest.fixture

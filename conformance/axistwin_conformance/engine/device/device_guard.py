@@ -425,7 +425,7 @@ class DeviceGuard:
             is_lost = trouble is not None and act != "sanity"
             silence = self._silence(session) if is_lost else None
             # Perhaps the line was cut for a while, or the device started anew.
-            if is_lost and not was_silent and (silence is not None or self._is_back(run)):
+            if is_lost and not was_silent and (silence is not None or self._is_back(session)):
                 was_silent = True
                 continue
             if silence is not None:
@@ -442,15 +442,16 @@ class DeviceGuard:
         if reply or session.run.target.is_lossless or self.blocked:
             return None
         violation = self.options.family.diagnose(session, request, reply)
-        return violation if violation and self._is_back(session.run) else None
-
-    def _is_back(self, run: Run) -> bool:
-        """Whether a device that was not heard answers now."""
-        if run.target.is_lossless or run.target.crash or self.blocked:
-            return False
         with contextlib.suppress(TargetError):
-            return self.is_sane(run)
-        return False
+            return violation if violation and self.is_sane(session.run) else None
+        return None
+
+    def _is_back(self, session: Session) -> bool:
+        """Whether a device that was lost has answered rightly since."""
+        request, reply = last_exchange(session.records())
+        if not reply or session.is_reproduced or session.run.target.is_lossless or self.blocked:
+            return False
+        return self.options.family.diagnose(session, request, reply) is None
 
     def _judge_violations(self, session: Session, act: str) -> None:
         """Record what has been seen to fail beside all questions, once each."""

@@ -13,6 +13,7 @@ from axistwin_conformance.families.mn400.motion.board_motion import MOTION, Boar
 ORDER = 160
 
 LASH: Final = 100  # steps: 0.2 s at the speed of these checks
+FEW: Final = 40
 SLOW: Final = 500
 RAMPED: Final = (200, 4000, 10_000)  # start, end, acceleration: at neither of these speeds for long
 ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
@@ -112,12 +113,13 @@ def arcs_and_contours_are_compensated_before_they_begin(session: Session) -> Non
     motion = begun(session)
     if motion.driver.reading("backlash_arc") == "start_only":
         around = "-300,-300,-600,-600"
-        for arc, back in (
-            (f"A{around},1", "M0,50"), (f"A{around},-1", "M0,50"),
-            ("A0,-50,-35,-15,-1", "M0,50"),  # its end is off the circle
-            ("+-50,0,-100,0,1,-60,1", "M0,50"), ("+-50,0,-100,0,1,60,1", "M0,-50"),
+        few = f"B{FEW},{FEW},{FEW},{FEW}"  # what may be taken up adds up
+        for lash, arc, back in (
+            (ALL, f"A{around},1", "M0,50"), (ALL, f"A{around},-1", "M0,50"),
+            (ALL, "A0,-50,-35,-15,-1", "M0,50"),  # its end is off the circle
+            (few, "+-50,0,-100,0,1,-60,1", "M0,50"), (few, "+-50,0,-100,0,1,60,1", "M0,-50"),
         ):  # fmt: skip
-            motion.ready(ALL, speed=SLOW)
+            motion.ready(lash, speed=SLOW)
             motion.run(arc, "MN4-BKL-06")
             for text in ("M100", back, "M0,0,-50", "M-50"):
                 motion.run(text, "MN4-BKL-06")
