@@ -224,7 +224,7 @@ REPORTS = {b"E": b"E0,0,0,0", b"E1": b"E0,0,0,0,0"}
 
 def reading_reports(system: PausedSystem, port: SocketPort) -> Script:
     """Questions that are answered at once, and later by the board itself, one by one and many."""
-    fd = port.kernel.fileno()
+    fd, system.settle_ms = port.kernel.fileno(), 0
     for asked in [[b"E", b"E1"]] * EXCHANGES + [[b"E"] * 20]:
         for text in asked:
             os.write(fd, out_event(text))

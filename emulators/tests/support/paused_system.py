@@ -22,8 +22,8 @@ from axistwin.runtime.serving.rack import Rack
 
 PAUSES_NS = (NS_PER_US, 40 * NS_PER_US, NS_PER_MS, 12 * NS_PER_MS, 60 * NS_PER_MS)
 LONG_NS = 50 * NS_PER_MS
-SETTLE_MS, STUCK_MS = 10, 300
-"""What a pty gets, in real time, to carry what was written: before a long wait, and in the end."""
+STUCK_MS = 300
+"""What a pty gets, in real time, to carry what was written."""
 
 Script: TypeAlias = Iterator[None]
 """What a client does; it goes on at each wait of the process."""
@@ -33,10 +33,12 @@ class PausedSystem:
     """Time, alarm and ``epoll`` of a server whose process is paused ``often`` (0..1).
 
     waited_ns: how long the process has waited for its alarm; how long it was paused does not count.
+    settle_ms: what a pty gets before a long wait; 0 where all is there as soon as it is written.
     """
 
     def __init__(self, seed: int, often: float, monkeypatch: pytest.MonkeyPatch) -> None:
         self.waited_ns: Nanos = 0
+        self.settle_ms = STUCK_MS
         self._random = Random(seed)
         self._often = often
         self._now_ns: Nanos = 0
@@ -111,7 +113,7 @@ class PausedSystem:
                 assert self._ready(maxevents, STUCK_MS), "the process sleeps, and a client waits"
                 continue
             if self._due_ns > self._now_ns + LONG_NS:
-                if ready := self._ready(maxevents, SETTLE_MS):
+                if ready := self._ready(maxevents, self.settle_ms):
                     return ready
                 self._go_on()
             self.waited_ns += max(0, self._due_ns - self._now_ns)
