@@ -135,6 +135,7 @@ FLOOD = b"U" * 5000
 
 def flooding(system: PausedSystem, port: LinePort, other: LinePort, patience_ns: Nanos) -> Script:
     """Send more than the line takes at once, and then a question that all hear answered."""
+    system.settle_ms = 10  # waiting is what a client that is held back does all the time
     with client(port) as fd, client(other) as listener:
         for _ in range(3):
             rest = FLOOD + request(0x20)
