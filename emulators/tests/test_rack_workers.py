@@ -16,7 +16,7 @@ from urllib.parse import quote
 import psutil
 import pytest
 from control_tls_files import Files
-from daemon_process import TIMEOUT_S, assert_one_clear_line, daemon, invoke
+from daemon_process import TIMEOUT_S, assert_one_clear_line, daemon, invoke, talk
 from rack_process import answers, line_of, next_event, ready, reload, serve, workers_of
 from served import eventually
 
@@ -176,7 +176,7 @@ def test_clients_of_all_workers_are_events_on_one_output(tmp_path: Path) -> None
         assert len(workers_of(rack)) == 2
         for name, model in (("press", "mac23"), ("saw", "msc-250")):
             words = "position?" if model == "mac23" else "RQSTAT"
-            told = invoke("send", str(tmp_path / name), "--model", model, words)
+            told = talk(str(tmp_path / name), model, words)
             assert told.exit_code == 0, told.output
             assert next_event(rack, "connected")["url"] == f"./{name}"
         assert rack.end()[0] == 0

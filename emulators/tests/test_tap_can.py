@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import serial
-from daemon_process import Daemon, assert_one_clear_line, daemon, invoke
+from daemon_process import Daemon, assert_one_clear_line, daemon, invoke, talk
 from kill_rounds import GONE
 from served import eventually
 
@@ -63,7 +63,7 @@ def rows(path: str = "capture.log") -> list[str]:
 
 def speak(link: str) -> str:
     """What ``axistwin send`` shows of the conversation."""
-    result = invoke("send", link, "--model", "mac23-can", *SAID)
+    result = talk(link, "mac23-can", *SAID)
     assert result.exit_code == 0, result.output
     return result.stdout
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from daemon_process import daemon, invoke
+from daemon_process import daemon, invoke, talk
 
 from axistwin import catalog
 
@@ -37,7 +37,7 @@ def record(folder: Path, name: str, *options: str) -> None:
         assert twin.line().startswith("ready ")
         with daemon(folder, place, "capture.txt", side, "./tap", command="tap") as tap:
             assert tap.line().startswith("ready tap ")
-            said = invoke("send", "./tap", "--model", name, *TALKS[name])
+            said = talk("./tap", name, *TALKS[name])
             assert said.stdout.count("\n< ") >= 4, said.output
             assert tap.end()[0] == 0
 

@@ -23,6 +23,11 @@ def invoke(*arguments: str) -> Result:
     return CliRunner().invoke(main, arguments)
 
 
+def talk(link: str, model: str, *texts: str) -> Result:
+    """``axistwin send``, with the patience that a busy machine needs."""
+    return invoke("send", link, "--model", model, "--timeout", f"{TIMEOUT_S}", *texts)
+
+
 def assert_one_clear_line(result: Result, *parts: str) -> None:
     """Exit status 2, and one line on stderr that has all ``parts``."""
     assert result.exit_code == 2, result.output
