@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import socket
 import time
 from collections.abc import Iterator
 
@@ -136,6 +137,19 @@ def test_lines_that_come_let_go_who_watches_all(front: FrontOf) -> None:
         assert told["details"]["error"] == "it was killed"
         viewers.lines_came(added, by_new_worker=True)
         assert code_at_end(alone) == LET_GO
+
+
+def test_nothing_is_told_before_every_worker_is_heard(front: FrontOf) -> None:
+    """Who has its snapshots would wait for ever for what a worker told before that."""
+    with socket.create_server(("127.0.0.1", 0)) as slow:
+        late = Worker(1, f"127.0.0.1:{slow.getsockname()[1]}", TOKEN)
+        late_line = WorkedLine("gone", ("mac23:0@gone",), (), late)
+        front.workforce.lines = {**front.workforce.lines, "gone": late_line}
+        with front.watch("") as client:
+            with pytest.raises(TimeoutError):
+                client.recv(0.5)
+            slow.accept()[0].close()
+            assert code_at_end(client) == LET_GO
 
 
 def test_a_worker_that_does_not_answer_is_told(front: FrontOf) -> None:

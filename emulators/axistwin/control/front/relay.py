@@ -35,6 +35,8 @@ class Relay:
         self._client, self._queries, self._counts = client, queries, counts
         self._loop = asyncio.get_running_loop()
         self._own: asyncio.Queue[str | None] = asyncio.Queue()
+        # Who has heard a first snapshot misses nothing that any worker tells from then on.
+        self._all_are_joined = asyncio.Barrier(max(1, len(queries)))
 
     def tell(self, text: str | None) -> None:
         """Tell the client ``text``, from any thread.
@@ -86,6 +88,7 @@ class Relay:
                 compression=None,
                 max_size=None,
             ) as upstream:
+                await self._all_are_joined.wait()
                 while True:
                     text = await upstream.recv(decode=True)
                     await self._client.send_text(text)
