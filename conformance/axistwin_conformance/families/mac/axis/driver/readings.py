@@ -32,8 +32,8 @@ class AxisReadings:
     def is_open(self, switch: str) -> bool:
         """True if it was asked, and what the device did fits several readings."""
         run = self._session.run
-        asked = run.detections.get(switch)
-        return asked is not None and len(asked.candidates) > 1 and switch not in run.readings
+        found = run.detections.get(switch)
+        return found is not None and len(found.candidates) > 1 and switch not in run.readings
 
     def guessed(self, switch: str) -> int:
         """The same where a guess will do: see `Readings.guess`."""
