@@ -184,6 +184,11 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             {"reply_latency_us": "152162", "step_phase": "start"},
             ("some_mixed_sequences_agree_with_the_model",),
         ),
+        # a move is as much slower as it takes longer to look where the reference clears its counter
+        (
+            {"reply_latency_us": "152162", "ref_retarget": "remaining"},
+            ("a_zeroed_move_ends_at_its_target_by_the_new_count",),
+        ),
         # what is left of a torque above Imax may be above it, too
         (
             {"torque_over": "mask", "imax_value": "104"},
@@ -204,8 +209,8 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
         ),
     ],
     ids=[
-        "late", "later", "late stop", "late ramp", "late change", "late step", "masked", "kept",
-        "ones",
+        "late", "later", "late stop", "late ramp", "late change", "late step", "late edge",
+        "masked", "kept", "ones",
     ],
 )  # fmt: skip
 def test_two_readings_do_not_hide_one_another(
