@@ -189,6 +189,11 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             {"reply_latency_us": "152162", "ref_retarget": "remaining"},
             ("a_zeroed_move_ends_at_its_target_by_the_new_count",),
         ),
+        # nor can it be told any more what an axis on its last increments to its target refuses
+        (
+            {"reply_latency_us": "152162", "running_until": "exact"},
+            ("a_held_axis_is_busy_until_it_is_near_its_target",),
+        ),
         # what is left of a torque above Imax may be above it, too
         (
             {"torque_over": "mask", "imax_value": "104"},
@@ -210,7 +215,7 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
     ],
     ids=[
         "late", "later", "late stop", "late ramp", "late change", "late step", "late edge",
-        "masked", "kept", "ones",
+        "late end", "masked", "kept", "ones",
     ],
 )  # fmt: skip
 def test_two_readings_do_not_hide_one_another(
