@@ -125,6 +125,28 @@ def test_each_departure_is_named_and_mended() -> None:
                 assert one.expected != one.actual
 
 
+@pytest.mark.strength
+def test_a_byte_too_many_or_too_few_in_the_head_moves_what_is_behind_it() -> None:
+    """It is one departure, of the form; what it has pushed out of the frame is not made up."""
+    for request, sound in exchanges():
+        if sound.data[4:] == REASON:
+            continue
+        is_upload = request.command == codec.UPLOAD
+        form = "MACC-SDO-03" if is_upload else "MACC-SDO-01"
+        data = sound.data
+        for at in range(2):
+            longer = Frame(sound.identifier, (data[:at] + data[at:][:1] + data[at:])[:8])
+            told = read(request, longer, spelling=f"{data[0]:02X}h")
+            assert told is not None, f"{longer} to {request}"
+            assert {one.requirement for one in told.departures} == {form}
+            assert told.mended in (b"", sound.pack())
+        shorter = Frame(sound.identifier, data[1:])
+        told = read(request, shorter, spelling=f"{data[0]:02X}h")
+        assert told is not None, f"{shorter} to {request}"
+        assert (form, "length") in named(told)
+        assert told.mended in (b"", sound.pack())
+
+
 def test_an_upload_that_is_refused_departs() -> None:
     """It is handed on as the refusal it is; with a sub-index a module may do so."""
     request = codec.request(1, 0x24)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
@@ -14,6 +14,7 @@ from axistwin_conformance.base.ledger import load_ledger
 from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Run, Session, Stop
+from axistwin_conformance.core.wording import RIG
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.status import AxisStatus
 from axistwin_conformance.families.mac.can import codec
@@ -244,6 +245,86 @@ def test_a_boot_up_message_that_does_not_come_is_not_waited_for_for_ever(client:
     """The rest may be judged all the same."""
     assert client.boot_up(3.0) is None
     assert client.target.now_ns == 3_000_000_000
+
+
+STARTED = "module 1: boot-up, and nothing had made it start anew"
+EXCUSES: dict[str, Callable[[CanClient], object]] = {
+    "2000h": lambda client: client.command(0x00),
+    "2000h to all": lambda client: client.send(client.to_all(0x00)),
+    "LMT": lambda client: client.target.send(Frame(codec.LMT_REQUEST, b"\x04\x00")),
+    "network management": lambda client: client.target.send(codec.nmt(0x81, 1)),
+    "too short": lambda client: client.target.send(Frame(0x601, b"\x23\x00\x20")),
+    "a rig": lambda client: client.target.mark(f"{RIG}the power was switched on"),
+}
+
+
+def started_anew(client: CanClient, module: Module, after_s: float = 9.0) -> list[Any]:
+    """What is held against a module that answers, says so long after that that it has started, and
+    answers again."""
+    client.position()
+    module.bus.schedule(client.target.now_ns + round(after_s * 1e9), codec.boot_up(1))
+    client.wait(after_s)
+    client.position()
+    return client.session.run.violations
+
+
+def test_a_module_that_starts_anew_by_itself_has_failed(client: CanClient, module: Module) -> None:
+    """MACC-BOOT-01 says after what a boot-up message comes."""
+    ((requirement, _, came),) = started_anew(client, module)
+    assert (requirement, came) == ("MACC-BOOT-01", STARTED)
+
+
+@pytest.mark.parametrize("excuse", EXCUSES)
+def test_a_start_that_something_may_have_made_is_none_by_itself(
+    client: CanClient, module: Module, excuse: str
+) -> None:
+    """Also a while before it: the module may have answered in between and put it off."""
+    client.position()
+    client.wait(9.0)
+    EXCUSES[excuse](client)
+    assert started_anew(client, module, 1.0) == []
+
+
+def test_what_somebody_else_sends_may_have_made_a_module_start(
+    client: CanClient, module: Module
+) -> None:
+    """Another host on the bus."""
+    client.position()
+    module.bus.schedule(10_000_000_000, Frame(0x601, bytes.fromhex("2300200000000000")))
+    client.wait(10.0)
+    assert started_anew(client, module, 2.0) == []
+
+
+def test_a_module_just_switched_on_does_not_start_by_itself(
+    client: CanClient, module: Module
+) -> None:
+    """Neither does one that has not answered yet."""
+    assert started_anew(client, module, 5.0) == []
+
+
+def test_a_start_that_was_heard_long_ago_is_judged_by_what_was_before_it(
+    client: CanClient, module: Module
+) -> None:
+    """A check may listen for itself before it asks anything; some modules start slowly."""
+    client.position()
+    EXCUSES["LMT"](client)
+    module.bus.schedule(20_000_000_000, codec.boot_up(1))
+    assert client.boot_up(30.0) is not None
+    client.target.send(client.request(0x20).frame())
+    assert client.target.receive(codec.is_reply, 1.0) is not None
+    client.position()
+    assert client.session.run.violations == []
+
+
+def test_where_a_supply_may_be_cut_a_module_may_start_once(module: Module, toy: Any) -> None:
+    """It is told to the operator; twice is the module's own."""
+    client = make_client(module, toy, is_lossless=False)
+    told: list[Any] = []
+    client.session.run.emit = told.append
+    assert started_anew(client, module) == []
+    assert [one.text for one in told] == [f"{STARTED}; was its supply cut for a moment?"]
+    ((requirement, _, came),) = started_anew(client, module)
+    assert (requirement, came) == ("MACC-BOOT-01", STARTED)
 
 
 def test_another_modules_boot_up_is_not_ours(client: CanClient, module: Module) -> None:

@@ -179,6 +179,21 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             {"reply_latency_us": "450000", "vel_change_law": "constant_acceleration"},
             ("many_mixed_sequences_agree_with_the_model",),
         ),
+        # whether an increment counts when it begins cannot be told by one that takes longer
+        (
+            {"reply_latency_us": "152162", "step_phase": "start"},
+            ("some_mixed_sequences_agree_with_the_model",),
+        ),
+        # a move is as much slower as it takes longer to look where the reference clears its counter
+        (
+            {"reply_latency_us": "152162", "ref_retarget": "remaining"},
+            ("a_zeroed_move_ends_at_its_target_by_the_new_count",),
+        ),
+        # nor can it be told any more what an axis on its last increments to its target refuses
+        (
+            {"reply_latency_us": "152162", "running_until": "exact"},
+            ("a_held_axis_is_busy_until_it_is_near_its_target",),
+        ),
         # what is left of a torque above Imax may be above it, too
         (
             {"torque_over": "mask", "imax_value": "104"},
@@ -198,7 +213,10 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             ),
         ),
     ],
-    ids=["late", "later", "late stop", "late ramp", "late change", "masked", "kept", "ones"],
+    ids=[
+        "late", "later", "late stop", "late ramp", "late change", "late step", "late edge",
+        "late end", "masked", "kept", "ones",
+    ],
 )  # fmt: skip
 def test_two_readings_do_not_hide_one_another(
     quirks: dict[str, str], names: tuple[str, ...]
@@ -208,6 +226,16 @@ def test_two_readings_do_not_hide_one_another(
     status, findings = judge(query, *names, "--allow", f"{ALLOWED[1]},rig")
     bad = [one for one in findings if one["verdict"] in ("fail", "inconclusive")]
     assert (bad, status) == ([], 0)
+
+
+def test_speed_changes_are_not_judged_by_a_law_that_nothing_tells() -> None:
+    """At 450 ms a change in one step looks like one on a ramp."""
+    status, findings = judge(
+        "reply_latency_us=450000&quirk.vel_change_law=step", "speed_changes_follow_the_closed_form"
+    )
+    told = {(one["verdict"], one["text"]) for one in findings}
+    reason = "its replies take too long to tell by which law it changes speeds and stops"
+    assert (told, status) == ({("not run", reason)}, 2)
 
 
 @pytest.mark.parametrize("reading", ["fifo_underrun=error", "cmd_1c_supported=false"])

@@ -298,12 +298,15 @@ def test_a_whole_ramp_while_slowing_down_is_a_reading_too(monkeypatch: pytest.Mo
 @pytest.mark.parametrize(
     ("query", "switch", "readings"),
     [
-        # The samples of a slow module fit both laws; a ramp of equal increments has no formula.
+        # Speeds change as much more slowly as replies take longer; from FFFFh no more than that.
         (
-            "&quirk.reply_latency_us=20000",
+            "&quirk.reply_latency_us=152162&quirk.vel_change_law=constant_acceleration",
             "vel_change_law",
-            ("ramp_length", "constant_acceleration"),
+            ("constant_acceleration",),
         ),
+        ("&quirk.reply_latency_us=152162", "vel_change_law", ("ramp_length",)),
+        ("&quirk.reply_latency_us=450000", "vel_change_law", ("ramp_length", "step")),
+        # A ramp of equal increments has no formula.
         (
             "&quirk.reply_latency_us=20000&quirk.ramp_law=equal_increments",
             "vel_change_law",

@@ -58,6 +58,8 @@ ONCE_ESCAPED = [
     ("mac23", "full", Fault("effect", "late", ("09",), When(every=7), amount=30_000_000)),
     ("mac23", "quick", Fault("state", "lost", FORMATS["mac23"].commands, When(first=50, every=40))),
     ("mac23", "quick", Fault("state", "lost", (), When(first=50, every=40))),
+    ("mac23-can", "quick", Fault("state", "lost", (), When(first=10, every=7))),
+    ("mac23-can", "quick", Fault("byte of a reply", "doubled", at=3)),
     ("mac23-can", "quick", Fault("value of an answer", "twice", ("u07",), When(first=200), size=1)),
     ("mac23-can", "full", Fault("effect", "twice", ("d14",), amount=30_000_000)),
     (

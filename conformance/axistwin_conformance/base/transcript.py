@@ -61,6 +61,9 @@ class Transcript:
     def __iter__(self) -> Iterator[Record]:
         return (Record(*record) for record in self._records)
 
+    def __reversed__(self) -> Iterator[Record]:
+        return (Record(*record) for record in reversed(self._records))
+
     @property
     def position(self) -> int:
         """The number of records ever made: a mark for `since`."""

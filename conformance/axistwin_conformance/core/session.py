@@ -159,6 +159,7 @@ class Run:
     is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
     settings: Any = None  # what the family's options have been set to, beside the envelope
     replied_at: int = -1  # where the transcript was when a device had said all it was asked for
+    unasked_starts: int = 0  # how often a device has started anew that nobody had made do so
     # While something is put back: the check that is run right after that, if one is.
     next_check: Check | None = None
     late_s: float = 0.0  # how long a device takes to reply that was slow to say its first word

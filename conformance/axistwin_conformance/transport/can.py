@@ -138,6 +138,7 @@ class CanTransport(Transport):
         self._echoes: deque[tuple[int, Frame]] = deque(maxlen=FRAMES_KEPT)
         self._waiting: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
         self._unasked: deque[Arrival] = deque(maxlen=FRAMES_KEPT)
+        self.unjudged: deque[Arrival] = deque(maxlen=FRAMES_KEPT)  # of these, nobody has judged yet
         self._unanswered = 0  # requests since the last drain, less the replies
         self._last_reply: Frame | None = None
         self._bitrate = bitrate
@@ -327,6 +328,7 @@ class CanTransport(Transport):
             arrival = Arrival(frame, now_ns)
             if self._is_spontaneous(frame):
                 self._unasked.append(arrival)
+                self.unjudged.append(arrival)
                 continue
             self._waiting.append(arrival)
             if self._unanswered <= 0 and frame == self._last_reply:

@@ -78,6 +78,24 @@ def the_boot_up_message_comes_twice(patch: MonkeyPatch) -> None:
     _boot_ups(patch, act)
 
 
+@can_mutant("MACC-BOOT-01")
+def it_starts_once_more(patch: MonkeyPatch) -> None:
+    """Its watchdog is fed too late: half a second after a restart it starts anew, once."""
+
+    def note(go: Any_, module: Any, *arguments: Any) -> Any:
+        module.is_fed = False
+        return go()
+
+    def act(go: Any_, module: Any, now: int) -> None:
+        go()
+        if not getattr(module, "is_fed", True):
+            module.is_fed = module._take_over_restarts = True
+            module._take_over_at = now + S // 2
+
+    around(patch, "_restart", note)
+    around(patch, "_booted", act)
+
+
 @can_mutant("MACC-STATE-02")
 def a_boot_outlives_the_reset_input(patch: MonkeyPatch) -> None:
     """Held in reset amid its start-up it says in the end that it is there."""

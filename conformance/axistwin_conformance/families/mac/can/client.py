@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar, Final
 
+from axistwin_conformance.base.events import Note
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
 from axistwin_conformance.families.mac.axis.driver.client import (
@@ -30,7 +31,8 @@ from axistwin_conformance.families.mac.axis.driver.client import (
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.codec import CanReply, CanRequest
+from axistwin_conformance.families.mac.can.codec import MAY_BE_SILENT, CanReply, CanRequest
+from axistwin_conformance.families.mac.can.diagnosis import is_unasked_start
 from axistwin_conformance.transport.can import Arrival, CanTransport
 from axistwin_conformance.transport.can_frame import Frame, unpack
 
@@ -39,7 +41,7 @@ REPEATABLE: Final = frozenset(
     {*codec.QUERIES, 0x02, 0x03, 0x07, 0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F, 0x18, 0x19, 0x1A, 0x1C,
      *codec.UNASSIGNED_DOWNLOADS}
 )  # fmt: skip
-MAY_BE_SILENT: Final = frozenset({0x00, 0x01})  # MACC-AMB-26
+RESTARTED_BY: Final = "a start at power-up, after 2000h or after the address procedure only"
 
 
 def bus_of(session: Session) -> CanTransport:
@@ -121,6 +123,8 @@ class CanClient(AxisClient):
 
     def _once(self, request: CanRequest, timeout_s: float | None) -> AxisExchange:
         self.target.drain()
+        if self.target.unjudged:
+            self._judge_unasked()
         frame = request.frame()
         sent_ns = self.target.send(frame)
         arrival = self._reply_to(request, timeout_s)
@@ -139,6 +143,23 @@ class CanClient(AxisClient):
         return AxisExchange(
             frame.pack(), reply, self._window(frame, sent_ns, begun, arrival.time_ns)
         )
+
+    def _judge_unasked(self) -> None:
+        """Hold it against a module that it starts anew by itself; where its supply may have been
+        cut for a moment, once is no fault of its own."""
+        run, said = self.session.run, self.target.unjudged
+        own = {self.session.address, *self.session.neighbours}
+        for arrival in said:
+            is_ours = codec.spontaneous_from(arrival.frame) in own
+            if not is_ours or not is_unasked_start(arrival, reversed(self.target.transcript)):
+                continue
+            run.unasked_starts += 1
+            came = f"{codec.explain(arrival.frame)}, and nothing had made it start anew"
+            if self.target.is_lossless or run.unasked_starts > 1:
+                run.violations.append(("MACC-BOOT-01", RESTARTED_BY, came))
+            else:
+                run.emit(Note(f"{came}; was its supply cut for a moment?"))
+        said.clear()
 
     def _reply_to(self, request: CanRequest, timeout_s: float | None) -> Arrival | None:
         """The reply, or else what came from where it had to come from."""

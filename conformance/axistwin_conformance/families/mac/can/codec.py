@@ -134,6 +134,7 @@ DOWNLOADS: Final[Mapping[int, Layout]] = {
     0x1E: _SEGMENT,
     **dict.fromkeys((0x00, 0x01, 0x0B, 0x10, 0x11, 0x14, 0x17, 0x18, 0x19, 0x1A), _NOTHING),
 }
+MAY_BE_SILENT: Final = frozenset({0x00, 0x01})  # downloads that restart it, MACC-AMB-26
 UNASSIGNED_DOWNLOADS: Final = tuple(number for number in range(0x20) if number not in DOWNLOADS)
 UPLOADS: Final[Mapping[int, Layout]] = {
     0x20: _number("position"),

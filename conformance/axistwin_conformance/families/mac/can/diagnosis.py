@@ -8,19 +8,23 @@ is nobody's fault once something was sent that makes a module deaf.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
-from axistwin_conformance.base.transcript import Direction
+from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.wording import RIG
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.client import MAY_BE_SILENT
-from axistwin_conformance.families.mac.can.codec import CanRequest
+from axistwin_conformance.families.mac.can.codec import MAY_BE_SILENT, CanRequest
+from axistwin_conformance.transport.can import Arrival
 from axistwin_conformance.transport.can_frame import Frame, unpack_all
 
 # After frames of these identifiers some reading admits silence: network management, LMT.
 DEAFENING: Final = frozenset({codec.NMT, codec.LMT_REQUEST})
+ANSWERS: Final = frozenset(bytes([one]) for one in codec.ANSWER_SPELLINGS)
+PUT_OFF_NS: Final = 8_000_000_000  # by which a module may put off what makes it start anew
 # Whose requirement it is that a frame is survived, by its identifier.
 SURVIVED: Final = {
     codec.NMT: "MACC-BOOT-04",
@@ -46,6 +50,36 @@ def diagnose(session: Session, request: bytes, reply: bytes | None) -> Violation
     if not received and _may_be_deaf(session, asked):
         return None
     return _judge(asked, received)
+
+
+def is_unasked_start(boot_up: Arrival, before: Iterable[Record]) -> bool:
+    """True for a boot-up message that nothing explains: since anything may have made the module
+    start anew it has answered, longer ago than it may put that off.
+
+    `before`: what happened up to it and later, the latest first.  What may have made it start anew:
+    2000h and 2001h, any frame that is no sound request, whoever sent it, and any act of a rig.
+    """
+    address, has_answered = codec.spontaneous_from(boot_up.frame), False
+    if codec.boot_up_form(boot_up.frame) is None:
+        return False
+    for record in before:
+        if record.time_ns >= boot_up.time_ns:
+            continue
+        if has_answered and record.time_ns < boot_up.time_ns - PUT_OFF_NS:
+            return True
+        if record.direction is Direction.NOTE and record.text.startswith(RIG):
+            return False
+        for frame in unpack_all(record.data):
+            if record.direction is Direction.DEVICE and codec.is_reply(frame):
+                is_own = frame.identifier - codec.REPLY == address
+                has_answered |= is_own and frame.data[:1] in ANSWERS
+            elif not codec.is_spontaneous(frame) and _may_restart(frame):
+                return False
+    return False
+
+
+def _may_restart(frame: Frame) -> bool:
+    return request_of(frame) is None or _deafens(frame)
 
 
 def request_of(frame: Frame) -> CanRequest | None:

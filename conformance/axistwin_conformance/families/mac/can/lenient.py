@@ -87,14 +87,38 @@ def _read(asked: CanRequest, frame: Frame, readings: Mapping[str, str]) -> Lenie
         return None
     departures = _framing(asked, frame)
     is_foreign = any(one.name in ("identifier", "form") for one in departures)
-    content = _content(asked, frame.data)
+    data, content = frame.data, _content(asked, frame.data)
+    if len(content) > 1 and (realigned := _realigned(asked, data)) is not None:
+        named = f"{_hex(_named(asked))} behind the first byte"
+        content = [ReplyDeparture(_form(asked), "head", named, _hex(data[:HEAD_BYTES]))]
+        data = realigned
     is_short = len(frame.data) < HEAD_BYTES
     if (is_foreign and (content or is_short)) or (is_short and content):
         return None
     departures += content
     if len(departures) > MOST_DEPARTURES or len(content) > 1:
         return None
-    return Lenient(tuple(departures), _mended(asked, frame.data, readings))
+    return Lenient(tuple(departures), _mended(asked, data, readings) if data else b"")
+
+
+def _named(asked: CanRequest) -> bytes:
+    """What a reply repeats behind its first byte."""
+    return bytes([asked.index_low, asked.index_high, asked.sub_index])
+
+
+def _realigned(asked: CanRequest, data: bytes) -> bytes | None:
+    """The data without the one byte too many in their head, or with the one it lacks; empty if that
+    is the first, which nothing else tells; None where it makes no head of a reply."""
+    named = _named(asked)
+    if data.startswith(named):
+        return b""
+    for head in (bytes([command]) + named for command in _commands(asked)):
+        for at in range(1, HEAD_BYTES):
+            if data[:at] + data[at + 1 : HEAD_BYTES + 1] == head:
+                return data[:at] + data[at + 1 :]
+            if data[: HEAD_BYTES - 1] == head[:at] + head[at + 1 :]:
+                return head + data[HEAD_BYTES - 1 :]
+    return None
 
 
 def _form(asked: CanRequest) -> str:
@@ -172,7 +196,7 @@ def _mended(asked: CanRequest, data: bytes, readings: Mapping[str, str]) -> byte
         return b""
     elif command not in codec.ANSWER_SPELLINGS:
         command = int(readings.get("upload_scs", "42h")[:-1], 16)
-    head = bytes([command, asked.index_low, asked.index_high, asked.sub_index])
+    head = bytes([command]) + _named(asked)
     whom = asked.address or codec.SPOKESMAN
     return Frame(codec.REPLY + whom, head + value.ljust(len(codec.ZEROS), b"\0")).pack()
 

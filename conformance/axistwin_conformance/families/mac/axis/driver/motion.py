@@ -407,9 +407,10 @@ class AxisMotion:
                 origin,
                 edge,
                 segments=segments,
-                leads=self._readings.law_of(0).step == "start",
+                leads=leads,
             )
             for edge in exchange.taken.edges
+            for leads in self._readings.law_of(0).leads
         )
 
     def follow(self, forecast: Forecast, requirement: Part = None, allowance: int = 0) -> Sample:

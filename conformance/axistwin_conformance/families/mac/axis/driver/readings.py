@@ -35,6 +35,11 @@ class AxisReadings:
         found = run.detections.get(switch)
         return found is not None and len(found.candidates) > 1 and switch not in run.readings
 
+    def is_untold(self, switch: str) -> bool:
+        """True if it was asked, or was to be, and nothing has told it."""
+        run = self._session.run
+        return switch in run.detections and switch not in run.readings
+
     def guessed(self, switch: str) -> int:
         """The same where a guess will do: see `Readings.guess`."""
         run = self._session.run
@@ -47,12 +52,13 @@ class AxisReadings:
         a ramp only the instant counts at which steps do.  How a speed is changed under way takes
         long to find out: it is looked up only where one is (`is_changed`)."""
         seen = self._session.readings
+        step = seen.get("step_phase", "either" if self.is_untold("step_phase") else "end")
         if not coefficient:
-            return Law(step=seen.get("step_phase", "end"))
+            return Law(step=step)
         return Law(
             ramp=seen.get("ramp_law", "equal_time"),
             change=seen.get("vel_change_law", "ramp_length") if is_changed else "ramp_length",
             stop=seen.get("stop_ramp_law", "climbed"),
             triangle=seen.get("triangle_law", "mirror"),
-            step=seen.get("step_phase", "end"),
+            step=step,
         )

@@ -103,11 +103,6 @@ class AxisModel:
         """Both roundings of the periods of a ramp: the fast one, the slow one."""
         return tuple(replace(self.law, rounding=rounding) for rounding in ROUNDINGS)
 
-    @property
-    def leads(self) -> bool:
-        """True if an increment counts when it begins."""
-        return self.law.step == "start"
-
     # --- what may be said -------------------------------------------------------------------------
 
     def states(self, window: TimeWindow) -> frozenset[str]:
@@ -302,7 +297,7 @@ class AxisModel:
         if index in MOTIONS:
             return self._motion(now, edge, index, parameter, laws if is_resting else ())
         if index in SEGMENTS:
-            return [self._segment(now, index, parameter, edge, is_resting)]
+            return self._segment(now, index, parameter, edge, is_resting)
         if index == 0x11 and is_resting and self.preloaded is not None:
             return self._start(now, edge, self.preloaded, self.preload_parameter, laws)
         if index == 0x17:
@@ -349,22 +344,24 @@ class AxisModel:
             ]
         mode = "VE" if index == 0x15 else "PO"
         return [
-            Timeline(
-                mode, origin, edge, direction, course, stops=parameters.limits, leads=self.leads
-            )
+            Timeline(mode, origin, edge, direction, course, stops=parameters.limits, leads=leads)
             for course in courses
+            for leads in self.law.leads
         ]
 
     def _segment(
         self, now: Timeline, index: int, parameter: int, edge: int, is_resting: bool
-    ) -> Timeline:
+    ) -> list[Timeline]:
         steps = signed(parameter >> 16, 16)
         segment = Segment(steps, parameter & 0xFFFF, moves=index == 0x16)
         if is_resting:
             origin = now.position_at(edge)
             stops = self.parameters.limits
-            return Timeline("IN", origin, edge, segments=(segment,), stops=stops, leads=self.leads)
-        return now.followed_by(segment)
+            return [
+                Timeline("IN", origin, edge, segments=(segment,), stops=stops, leads=leads)
+                for leads in self.law.leads
+            ]
+        return [now.followed_by(segment)]
 
     # --- learning ---------------------------------------------------------------------------------
 

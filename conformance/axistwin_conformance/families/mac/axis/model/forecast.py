@@ -378,10 +378,11 @@ class Forecast:
                 direction,
                 course(replace(law, rounding=rounding)),
                 stops=stops,
-                leads=law.step == "start",
+                leads=leads,
             )
             for edge in window.edges
             for rounding in ROUNDINGS
+            for leads in law.leads
         )
 
     @classmethod

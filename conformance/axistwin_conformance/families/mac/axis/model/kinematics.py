@@ -61,8 +61,13 @@ class Law:
     triangle: str = "mirror"  # or "shared_peak", §5.11
     change: str = "ramp_length"  # or "constant_acceleration", "step", MACS-AMB-44
     stop: str = "climbed"  # or "ramp_length", MACS-AMB-45
-    step: str = "end"  # or "start": when an increment counts, MACS-AMB-41
+    step: str = "end"  # or "start": when an increment counts, MACS-AMB-41; or "either", untold
     rounding: str = "half_up"  # or "down", "up", MACS-AMB-43
+
+    @property
+    def leads(self) -> tuple[bool, ...]:
+        """Whether an increment may count when it ends, and whether when it begins."""
+        return {"end": (False,), "start": (True,), "either": (False, True)}[self.step]
 
 
 def divide(numerator: int, denominator: int, rounding: str) -> int:

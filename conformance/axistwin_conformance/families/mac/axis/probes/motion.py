@@ -40,6 +40,7 @@ SWING_PAUSE_S: Final = 0.003
 LONGEST_RAMP: Final = 0xFF
 RAMP_PERIOD: Final = 0x0800  # 3906 inc/s, of all questions about ramps
 ROUNDING_PERIOD: Final = 0x07F1  # the three roundings of its levels lie evenly apart, 3.3 ms
+CHANGED_PERIOD: Final = 0x1400  # at twice the speed before, the three laws lie 160 increments apart
 STOP_PERIOD: Final = 0x1000
 FIRST_OVER_MS: Final = 300  # of a move of two increments at FFFFh
 EQUAL_TIME_MS: Final = 380  # in which 5 increments of a ramp to FFFFh are over, in equal times
@@ -285,7 +286,8 @@ def ramp_law(driver: AxisDriver) -> Outcome:
 def vel_change_law(driver: AxisDriver) -> Outcome:
     """15h to another speed in motion, sampled."""
     driver.motion.ready(RAMP_PERIOD, 2)
-    before, after = driver.limits.slowed_alike(0x2000, 0x1400)
+    after = driver.limits.unhurried(CHANGED_PERIOD, SLOWEST // 2)
+    before, after = driver.limits.slowed_alike(2 * after, after)
     origin = driver.client.position()
     start = driver.judge.accepted(0x15, velocity(1, before))
     climb_ticks = Course.endless(before, 2, driver.readings.law_of(2)).profile.ticks_of(
@@ -301,7 +303,7 @@ def vel_change_law(driver: AxisDriver) -> Outcome:
         )
         for name in ("ramp_length", "constant_acceleration", "step")
     )
-    samples = driver.motion.sampled(0.8 * after / 0x1400, 16)
+    samples = driver.motion.sampled(0.8 * after / CHANGED_PERIOD, 16)
     driver.client.command(0x18)
     if stray := driver.motion.beyond(samples, unchanged, stepped):
         return f"{stray} between the old speed and the new one"

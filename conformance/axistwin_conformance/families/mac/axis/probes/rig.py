@@ -112,10 +112,11 @@ def ref_retarget(driver: AxisDriver) -> Outcome:
     """The end of a move in which the reference cleared the counter."""
     if not driver.session.rig.is_exact:
         driver.session.skip("needs a rig that acts at once")
-    rig = driver.session.rig
-    start = driver.motion.ready(SLOW_PERIOD)
-    target = start + 2 * STEPS
-    if abs(target) > driver.limits.room():
+    rig, limits = driver.session.rig, driver.limits
+    start = driver.motion.ready(limits.unhurried(SLOW_PERIOD))
+    # It is still moving when the edge has come behind two exchanges.
+    target = start + limits.way_outlasting(2 * STEPS, driver.motion.period, exchanges=4)
+    if abs(target) > limits.room():
         driver.session.skip("counter 0 is outside the envelope")
     opening = not driver.readings.known("ref_edge")
     rig.work("reference", opening)
@@ -133,7 +134,8 @@ def ref_retarget(driver: AxisDriver) -> Outcome:
     if final == target:
         return 0
     # The edge comes some increments after `before` was read.
-    return 1 if 0 <= target - before - final <= STEPS // 2 else f"at rest at {final}"
+    most = max(STEPS // 2, limits.steps_outlasting(driver.motion.period, exchanges=1))
+    return 1 if 0 <= target - before - final <= most else f"at rest at {final}"
 
 
 @probe(safety=("motion", "rig"), needs=("rig:reset",))

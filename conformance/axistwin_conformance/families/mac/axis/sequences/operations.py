@@ -54,7 +54,7 @@ UNRULED_SYNC: Final = (
 )
 UNRULED_CHANGES: Final = ("vel_change_law", "ramp_law", "vel_reverse_cmd")
 UNRULED_RAMPED_STOPS: Final = ("stop_ramp_law", "ramp_law")
-UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks", "step_phase")
+UNRULED_STOPS: Final = ("soft_stop_compare", "soft_stop_blocks")
 UNRULED_RESTARTS: Final = ("persist_modes",)
 UNASSIGNED: Final = (0x04, 0x05, 0x06, 0x12, 0x1D, 0x1F, 0x2A, 0x2F)  # on every face
 TO_COMMANDS: Final = (ReplyKind.ACCEPTED, ReplyKind.REFUSED)
@@ -93,7 +93,7 @@ def _catch_up(run: AxisSequence, byte: int) -> int:
 
 def _stops(run: AxisSequence, byte: int) -> int:
     """A mode for 03h."""
-    if not run.follows(*UNRULED_STOPS):
+    if run.model.law.step != "end" or not run.follows(*UNRULED_STOPS):
         return byte & 1
     return _choice(run, (0, 8, 9, 1, 2, 8), (0, 8, 9, 1, 0, 8), byte)
 
