@@ -25,7 +25,7 @@ CHANGES = {
 }
 """One quirk of every family, that its conversation meets."""
 
-WINDOW = ("--window", "2000")
+WINDOW = ("--window", "20000")  # a busy machine holds a tap up for seconds
 
 
 def record(folder: Path, name: str, *options: str) -> None:
