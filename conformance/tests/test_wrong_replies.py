@@ -76,6 +76,19 @@ class Deaf(Faulty):
         return int(self.port.write(data)) if self._left >= 0 else len(data)
 
 
+class NowAndThen(Faulty):
+    """The built-in twin, but for one in `every` of some frames."""
+
+    def __init__(self, port: Any, answers: dict[int, Answer], every: int) -> None:
+        super().__init__(port, answers)
+        self._every, self._asked = every, 0
+
+    def write(self, data: bytes) -> int:
+        """Pass on, or answer in its own way when that is due."""
+        self._asked += len(data) == 21 and int(data[6:8], 16) in self.answers
+        return super().write(data) if self._asked % self._every == 0 else int(self.port.write(data))
+
+
 @dataclass
 class Judged:
     """What came of a run, and how many twins it took."""
@@ -170,6 +183,21 @@ def test_where_bytes_may_get_lost_the_same_wrong_reply_again_and_again_fails_too
     judged = judge({index: how}, "MACS-CMD-13-01", is_lossless=False)
     assert judged.result.exit_status == 1, judged.result.sentence
     assert requirement in judged.failed
+
+
+def test_where_bytes_may_get_lost_what_is_summed_rightly_is_no_noise() -> None:
+    """A number with a sign, now and then: another answer comes when it is asked for again, but no
+    line makes the sum right for it."""
+
+    def signed(data: bytes) -> bytes:
+        summed = b"00" + data[7:8] + b"-A601000"
+        return b"\x06\x13\x02011" + summed + codec.two_digits(codec.checksum(summed)) + b"\x03\x1a"
+
+    judged = judge(
+        lambda twin: NowAndThen(twin, {0x26: signed}, 5), "MACS-CMD-13-01", is_lossless=False
+    )
+    assert judged.result.exit_status == 1, judged.result.sentence
+    assert judged.failed == {"MACS-REPLY-07"}
 
 
 def test_where_bytes_may_get_lost_silence_to_one_request_alone_has_failed() -> None:

@@ -79,7 +79,19 @@ class SerialClient(AxisClient):
             or not frame.is_well_formed
         ):
             return exchange
-        return self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
+        settled = self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
+        if settled is not exchange:
+            self._judge_passing(exchange.reply)
+        return settled
+
+    def _judge_passing(self, reply: SerialReply) -> None:
+        """Hold replies against the module that were no answers, and others when asked for again, if
+        their sums are right oftener than noise gets them right."""
+        if reply.kind is not ReplyKind.GARBAGE or not codec.is_summed(reply.raw):
+            return
+        if self.session.run.quality.is_meant(codec.SUMS):
+            actual = f"now and then {'; '.join(reply.flaws)}, with the right sum"
+            self.session.run.violations.append(("MACS-REPLY-07", "the same form each time", actual))
 
     def _is_good(self, index: int, reply: SerialReply, *, may_be_silent: bool) -> bool:
         """True if a module could say that, as far as is known of this one."""
