@@ -68,8 +68,9 @@ class LineQuality:
         """Count what was taken for corrupted, though its sum, one of so many, is right; True if
         that was so too often for chance."""
         self.summed += 1
-        corrupted = max(self.corrupted, self.summed)
-        return math.comb(corrupted, self.summed) * sums**-self.summed < FALSE_ALARM
+        ways = math.comb(max(self.corrupted, self.summed), self.summed)
+        other_sums: int = sums**self.summed
+        return ways * round(1 / FALSE_ALARM) < other_sums
 
     @property
     def rate(self) -> float:
