@@ -68,7 +68,7 @@ class Line:
 @pytest.fixture
 def line() -> Line:
     """A line whose axis was found at 500, with known readings."""
-    line = Line(vel_f6_direction="negative", segment_signed="true")
+    line = Line(vel_f6_direction="negative", segment_signed="true", fifo_underrun="halt")
     line.at(500)
     line.say(0x0D, 0x1000)
     return line
@@ -118,6 +118,21 @@ def test_a_segment_that_waits_runs_from_where_a_ramped_stop_has_ended(line: Line
     line.say(0x17)
     assert not line.refuses(0x16, 200 << 16 | 0x1000)
     assert line.refuses(0x16, 500 << 16 | 0x1000)
+
+
+@pytest.mark.parametrize(
+    ("readings", "farthest"),
+    [({}, 160), ({"fifo_underrun": "decelerate"}, 160), ({"fifo_underrun": "error"}, 40)],
+)
+def test_behind_the_last_segment_an_axis_may_slow_down_on_its_ramp(
+    readings: dict[str, str], farthest: int
+) -> None:
+    """MACS-AMB-40: as long as nobody knows that it does not, 120 increments per unit of 0Fh."""
+    line = Line(**readings)
+    line.at(0)
+    line.say(0x0F, 1)
+    line.say(0x16, 40 << 16 | 0x1000)
+    assert line.travel_guard.axes[0].reach == (0, farthest)
 
 
 def test_a_refused_segment_does_not_count_and_an_unanswered_one_may(line: Line) -> None:

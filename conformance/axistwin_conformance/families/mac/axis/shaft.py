@@ -104,6 +104,20 @@ class Axis:
         is_under_way = self.speed or self.segment_speed or self.is_worked
         return self.counter == (counter, counter) and not is_under_way
 
+    def stepped(self, steps: int, coasting: int, period: int) -> Axis:
+        """16h: one more segment is stored; behind the last one it may run on by so many."""
+        end = shift(self.tip, (steps, steps))
+        beyond = coasting if steps > 0 else -coasting
+        tip = join(end, shift(end, (beyond, beyond)))
+        return replace(
+            self,
+            reach=join(self.reach, tip),
+            tip=tip,
+            target=None,
+            may_move=True,
+            segment_speed=max(self.segment_speed, TICKS_PER_SECOND // period + 1),
+        )
+
     def disarmed(self) -> Axis:
         """What 10h has begun is over."""
         return replace(self, held=None, is_armed=False, is_filled=False)

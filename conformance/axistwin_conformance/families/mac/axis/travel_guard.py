@@ -59,11 +59,12 @@ from axistwin_conformance.families.mac.axis.shaft import (
 from axistwin_conformance.families.mac.axis.suspects import Suspects
 
 MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
-# The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -51).
+# The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -40, -51).
 F6_TURNS: Final = "negative"
 REPLACES: Final = "replace"
 SEGMENTS_UNSIGNED: Final = "false"
 FLUSHES: Final = "true"
+COASTS: Final = "decelerate"
 PERMANENT: Final = "permanent"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
@@ -349,15 +350,8 @@ class AxisTravelGuard:
         steps = signed(digits, 16)
         if steps != digits and self.readings.get("segment_signed") == SEGMENTS_UNSIGNED:
             steps = digits
-        tip = shift(axis.tip, (steps, steps))
-        return replace(
-            axis,
-            reach=join(axis.reach, tip),
-            tip=tip,
-            target=None,
-            may_move=True,
-            segment_speed=max(axis.segment_speed, TICKS_PER_SECOND // period + 1),
-        )
+        coasts = self.readings.guess("fifo_underrun", COASTS) == COASTS
+        return axis.stepped(steps, ramp_increments(axis.coefficient) if coasts else 0, period)
 
     def _endless(self, axis: Axis, selector: int, period: int, now_ns: int, frame: bytes) -> Axis:
         if not period:
