@@ -30,6 +30,7 @@ IDS = (
     "MACS-Q-24-01", "moves_take_the_time_of_the_closed_form",
 )  # fmt: skip
 CUT_NS = 6_500_000_000
+GIVEN_UP = 4  # so often in vain a query is asked
 PIECE_S = 0.05  # of silence, after which a reply is over
 
 
@@ -279,6 +280,23 @@ def test_a_module_that_answers_queries_and_no_command_fails(is_heard: int) -> No
     result = judged_over(lambda port: Deaf(port, is_lost), is_lossless=False)
     assert result.exit_status == 1, result.sentence
     assert failed(result) == {"MACS-REPLY-01"}
+
+
+def test_a_module_that_falls_silent_on_its_way_back_fails() -> None:
+    """Though its neighbour is put back too, and answers."""
+    last, lost = b"", 0
+
+    def is_lost(data: bytes, now: int) -> bool:
+        nonlocal last, lost
+        if data[4:8] == b"0020" and last == b"0021" and lost < GIVEN_UP:
+            lost += 1
+            return True
+        last, lost = data[4:8], 0
+        return False
+
+    result = judged_over(lambda port: Deaf(port, is_lost), is_lossless=False)
+    assert result.exit_status == 1, result.sentence
+    assert failed(result) == {"MACS-REPLY-07"}
 
 
 def test_a_line_that_is_cut_for_a_while_fails_no_module() -> None:

@@ -107,6 +107,7 @@ SIGNS: dict[str, tuple[bytes, str]] = {
     "no ACK": (b"", "MSC-LNK-01"),
     "another sign": (b"\x0b", "MSC-LNK-01"),
     "ACK twice": (ACK + ACK, "MSC-LNK-04"),
+    "eight bytes behind ACK": (ACK + bytes(8), "MSC-LNK-01"),
 }
 
 

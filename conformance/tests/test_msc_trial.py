@@ -76,6 +76,16 @@ def and_the_next_one(self: Controller, number: int, *, on: bool) -> bytes | None
     return Controller.turn(self, number, on=on)
 
 
+def sets_the_next_one(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """SFLAG turns the flag behind the one that was meant; CFLAG is right."""
+    return Controller.turn(self, number + on, on=on)
+
+
+def clears_the_one_before(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """CFLAG turns the flag before the one that was meant; SFLAG is right."""
+    return Controller.turn(self, number - (not on), on=on)
+
+
 def without_high_bit(self: Controller, number: int, *, on: bool) -> bytes | None:
     """The flag with the low seven bits of the number."""
     (self.on.add if on else self.on.discard)(number & 0x7F)
@@ -139,7 +149,17 @@ def test_a_flag_that_the_program_takes_is_told() -> None:
 
 
 @pytest.mark.parametrize("has_rflags", [True, False])
-@pytest.mark.parametrize("turn", [None, toggles, next_one, lost_now_and_then, each_second_is_lost])
+@pytest.mark.parametrize(
+    "turn",
+    [
+        None,
+        toggles,
+        next_one,
+        sets_the_next_one,
+        lost_now_and_then,
+        each_second_is_lost,
+    ],
+)
 def test_flags_that_follow_or_show_a_fault_are_left_to_the_checks(
     turn: Callable[..., bytes | None] | None, has_rflags: bool
 ) -> None:
@@ -195,14 +215,23 @@ def test_a_unit_that_loses_what_is_written_to_many_flags_fails(
 
 
 @pytest.mark.parametrize(
-    "turn", [next_one, without_high_bit, toggles, lost_now_and_then, each_second_is_lost]
+    ("turn", "requirement"),
+    [
+        (next_one, "MSC-SFLAG-02"),
+        (sets_the_next_one, "MSC-SFLAG-02"),
+        (clears_the_one_before, "MSC-CFLAG-02"),
+        (without_high_bit, "MSC-SFLAG-02"),
+        (toggles, "MSC-SFLAG-02"),
+        (lost_now_and_then, "MSC-SFLAG-02"),
+        (each_second_is_lost, "MSC-SFLAG-02"),
+    ],
 )
 def test_a_unit_that_writes_flags_wrongly_fails_over_a_port(
-    turn: Callable[..., bytes | None],
+    turn: Callable[..., bytes | None], requirement: str
 ) -> None:
     """Nobody else can have done that."""
     result = judged(twisted(turn=turn))
-    assert verdict(result, "MSC-SFLAG-02") is Verdict.FAIL, result.problems
+    assert verdict(result, requirement) is Verdict.FAIL, result.problems
 
 
 def test_flags_are_put_back_whatever_was_tried() -> None:

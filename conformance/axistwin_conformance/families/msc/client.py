@@ -24,7 +24,7 @@ from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, WAITED, Observation
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.codec import ACK, NAK, STX, Packet
+from axistwin_conformance.families.msc.codec import ACK, MOST_STRAYS, NAK, STX, Packet
 from axistwin_conformance.transport.serial import SerialTransport
 
 RECEIVED_AT_ONCE: Final = 4096
@@ -33,7 +33,6 @@ UNMEASURED_S: Final = 0.6  # on top of the usual time-out, before a round trip i
 MARGIN_S: Final = 0.2  # on top of a measured time-out: one reply, and the way
 REPEATS: Final = 5  # MSC-LNK-09
 REPEAT_S: Final = 0.15  # the longest reply (§2.4)
-MOST_STRAYS: Final = 32  # bytes before a reply that are worth reading
 MOST_RECEIVED: Final = 24  # repeats and signs that are waited out before a unit counts as babbling
 REPEATABLE: Final = frozenset({*codec.READS, "DWRITE", "BWRITE"})  # rule 2
 

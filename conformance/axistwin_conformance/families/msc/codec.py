@@ -33,6 +33,7 @@ UNITS: Final = range(1, 16)  # MSC-PKT-03
 FLAGS: Final = range(256)  # MSC-FLG-01
 BLOCK_VALUES: Final = 32  # MSC-BREAD-02, MSC-BWRITE-01
 VALUE_BYTES: Final = 4
+MOST_STRAYS: Final = 32  # bytes before a packet that are worth reading
 
 READS: Final = ("BREAD", "DREAD", "RFLAG", "RFLAGS", "RQSTAT")
 WRITES: Final = ("BWRITE", "CFLAG", "DWRITE", "SFLAG")

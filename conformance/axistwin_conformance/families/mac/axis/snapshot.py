@@ -201,12 +201,13 @@ def _read_one(driver: AxisDriver, index: int) -> int:
 def restore(session: Session, memory: AxisSnapshot, left: tuple[int, ...] = ()) -> tuple[str, ...]:
     """Put back what differs, and drive back to where the axes were found.
 
-    `left`: the parameters of the module under test that may stay as they are.
+    `left`: the parameters of the module under test that may stay as they are.  That module comes
+    last: by its last exchange it is judged if it is lost.
     """
     stop(session)
     different: list[str] = []
     lost: list[TargetError] = []
-    for address, snapshot in {session.address: memory, **memory.neighbours}.items():
+    for address, snapshot in {**memory.neighbours, session.address: memory}.items():
         is_own = address == session.address
         where, kept = ("", left) if is_own else (f"at {address:02X}h ", ())
         try:

@@ -15,8 +15,7 @@ from typing import Final
 
 from axistwin_conformance.core.probing import Outcome, probe
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.client import MOST_STRAYS
-from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
+from axistwin_conformance.families.msc.codec import ACK, MOST_STRAYS, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import DRAWN, DUE, LIMITS
 from axistwin_conformance.families.msc.probing import (

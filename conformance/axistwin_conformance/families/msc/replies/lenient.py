@@ -25,10 +25,10 @@ from typing import Final
 from axistwin_conformance.core.lenient import COMPLETENESS, Lenient, ReplyDeparture
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.codec import ACK, COMMA, HEADER_BYTES, NAK, STX
+from axistwin_conformance.families.msc.codec import ACK, COMMA, HEADER_BYTES, MOST_STRAYS, NAK, STX
 
 SIZE_ROW: Final = {"BREAD": "02", "DREAD": "02", "RFLAG": "02", "RFLAGS": "01", "RQSTAT": "01"}
-MOST_BEFORE_NAME: Final = 12  # bytes: signs and a header, or what a unit makes of them
+MOST_BEFORE_NAME: Final = MOST_STRAYS + HEADER_BYTES  # signs and a header, or what is made of them
 SHORT_STATUS: Final = 6  # bytes behind the comma (MSC-AMB-38)
 SUM_DIGITS: Final = 4
 SEVEN_BITS: Final = 0x7F7F
