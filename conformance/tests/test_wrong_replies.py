@@ -222,10 +222,10 @@ def test_where_bytes_may_get_lost_what_is_summed_rightly_is_no_noise() -> None:
         return b"\x06\x13\x02011" + summed + codec.two_digits(codec.checksum(summed)) + b"\x03\x1a"
 
     judged = judge(
-        lambda twin: NowAndThen(twin, {0x26: signed}, 5), "MACS-CMD-13-01", is_lossless=False
+        lambda twin: NowAndThen(twin, {0x26: signed}, 7), "MACS-CMD-13-01", is_lossless=False
     )
     assert judged.result.exit_status == 1, judged.result.sentence
-    assert judged.failed == {"MACS-REPLY-07"}
+    assert "MACS-REPLY-07" in judged.failed
 
 
 @pytest.mark.parametrize(("is_late", "failed"), [(False, {"MACS-REPLY-12"}), (True, set())])
