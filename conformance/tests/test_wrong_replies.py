@@ -214,8 +214,7 @@ def test_where_bytes_may_get_lost_the_same_wrong_reply_again_and_again_fails_too
 
 
 def test_where_bytes_may_get_lost_what_is_summed_rightly_is_no_noise() -> None:
-    """A number with a sign, now and then: another answer comes when it is asked for again, but no
-    line makes the sum right for it."""
+    """A number with a sign, now and then: asking again helps, but no line makes its sum right."""
 
     def signed(data: bytes) -> bytes:
         summed = b"00" + data[7:8] + b"-A601000"
