@@ -107,6 +107,15 @@ def test_a_device_is_given_up_after_a_minute_of_nonsense_on_the_noisiest_line() 
         limit.tried(60 * SECOND, quality.bad_when_lost, is_silence=False)
 
 
+@pytest.mark.parametrize(("corrupted", "needed"), [(3, 3), (50, 6), (2000, 31)])
+def test_a_right_sum_is_chance_the_more_often_the_more_is_corrupted(
+    corrupted: int, needed: int
+) -> None:
+    """One in 256 of what noise makes may have it; three of three do not."""
+    quality = LineQuality(exchanges=10_000, corrupted=corrupted)
+    assert [quality.is_meant(256) for _ in range(needed)] == [False] * (needed - 1) + [True]
+
+
 def test_a_line_that_corrupts_every_fourth_exchange_is_given_no_patience() -> None:
     """Nothing settles on it in ten attempts; a worse one than that is noise of no line."""
     assert not LineQuality(exchanges=1000, corrupted=0).is_hopeless

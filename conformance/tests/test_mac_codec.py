@@ -126,6 +126,23 @@ def test_each_flaw_of_an_answer_is_named(offset: int, byte: int, flaw: str) -> N
     assert flaw in str(reply)
 
 
+def test_no_byte_spoilt_lost_or_added_leaves_a_sum_right() -> None:
+    """Garbage with the right sum is none of the line's; that of a number with a sign is right."""
+    summed = b"002-3FFFFFF"
+    signed = codec.ANSWER_START + b"011" + summed + b"%02X" % codec.checksum(summed) + b"\x03\x1a"
+    assert codec.parse(signed).kind is ReplyKind.GARBAGE
+    assert codec.is_summed(signed)
+    answer = bytes.fromhex("06 13 02 303131 3030 36 3041363031303030 3245 03 1A")
+    assert codec.is_summed(answer)
+    hit = [answer[:at] + answer[at + 1 :] for at in range(len(answer))]
+    for byte in range(256):
+        hit += [answer[:at] + bytes([byte]) + answer[at + 1 :] for at in range(len(answer))]
+        hit += [answer[:at] + bytes([byte]) + answer[at:] for at in range(len(answer) + 1)]
+    garbage = [one for one in hit if codec.parse(one).kind is ReplyKind.GARBAGE]
+    assert len(garbage) > 10_000
+    assert not any(codec.is_summed(one) for one in garbage)
+
+
 def test_an_answer_of_28h_may_say_014() -> None:
     """The length printed for 28h is understood and told."""
     reply = codec.parse(ANSWER.replace(b"011", b"014"))

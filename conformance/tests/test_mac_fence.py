@@ -68,7 +68,7 @@ class Line:
 @pytest.fixture
 def line() -> Line:
     """A line whose axis was found at 500, with known readings."""
-    line = Line(vel_f6_direction="negative", segment_signed="true")
+    line = Line(vel_f6_direction="negative", segment_signed="true", fifo_underrun="halt")
     line.at(500)
     line.say(0x0D, 0x1000)
     return line
@@ -120,6 +120,21 @@ def test_a_segment_that_waits_runs_from_where_a_ramped_stop_has_ended(line: Line
     assert line.refuses(0x16, 500 << 16 | 0x1000)
 
 
+@pytest.mark.parametrize(
+    ("readings", "farthest"),
+    [({}, 160), ({"fifo_underrun": "decelerate"}, 160), ({"fifo_underrun": "error"}, 40)],
+)
+def test_behind_the_last_segment_an_axis_may_slow_down_on_its_ramp(
+    readings: dict[str, str], farthest: int
+) -> None:
+    """MACS-AMB-40: as long as nobody knows that it does not, 120 increments per unit of 0Fh."""
+    line = Line(**readings)
+    line.at(0)
+    line.say(0x0F, 1)
+    line.say(0x16, 40 << 16 | 0x1000)
+    assert line.travel_guard.axes[0].reach == (0, farthest)
+
+
 def test_a_refused_segment_does_not_count_and_an_unanswered_one_may(line: Line) -> None:
     """What was not obeyed leads nowhere; what may have been obeyed does."""
     for _ in range(5):
@@ -156,6 +171,10 @@ def test_a_move_at_the_speed_that_was_found_is_held_back_if_that_is_too_fast() -
     line.at(0)
     line.say(0x25, 0, answer(0x25, 0x0100))
     assert line.refuses(0x13, 10)
+    assert not line.refuses(0x13, 0), "a move of no way has no speed"
+    line.say(0x16, 10 << 16 | 0x1000)
+    assert line.refuses(0x13, 0), "and this one has a way"
+    line.say(0x18)
     line.say(0x0D, 0x1000)
     assert not line.refuses(0x13, 10)
     assert not line.refuses(0x0D, 0x0100)
@@ -233,6 +252,42 @@ def test_11h_spends_the_arm(line: Line) -> None:
     line.at(500)
     assert not line.travel_guard.is_in_doubt
     assert line.has_deadline()
+
+
+@pytest.mark.parametrize(
+    "commands",
+    [(0x10, 0x15, 0x17, 0x18), (0x10, 0x11, 0x15, 0x18)],
+    ids=["a ramped stop", "an 11h that had nothing to start"],
+)
+def test_what_a_device_keeps_held_back_begins_with_11h(commands: tuple[int, ...]) -> None:
+    """Where stops leave a preloaded motion (MACS-AMB-36), nothing but the 11h behind it ends it."""
+    line = Line(vel_f6_direction="negative", preload_policy="keep")
+    line.at(500)
+    for index in commands:
+        line.say(index, 0x1000 if index == 0x15 else 0)
+    assert not line.has_deadline()
+    line.say(0x11)
+    assert line.has_deadline()
+
+
+def test_an_endless_motion_behind_an_unanswered_10h_may_run_at_once(line: Line) -> None:
+    """Nobody knows whether it is held: it has to be stopped in time."""
+    line.say(0x10, 0, b"")
+    line.say(0x15, 0x1000)
+    assert line.has_deadline()
+
+
+def test_a_device_that_holds_nothing_back_is_where_it_is_seen() -> None:
+    """Spent by a motion and 11h, a 10h of a device that keeps what it holds uses no travel up."""
+    line = Line(vel_f6_direction="negative", preload_policy="keep")
+    line.at(0)
+    for place in (900, 0) * 3:
+        line.say(0x15, 0x1000)
+        line.now_ns += SECOND // 10
+        for index, parameter in ((0x18, 0), (0x10, 0), (0x13, place), (0x11, 0), (0x18, 0)):
+            line.say(index, parameter)
+        line.at(place)
+        assert line.travel_guard.axes[0].reach == (place, place)
 
 
 def test_a_frame_with_a_wrong_checksum_asks_for_nothing(line: Line) -> None:

@@ -90,9 +90,9 @@ SEEN = [
 ]
 
 
-def judge(quirk: str, *words: str) -> tuple[int, list[dict[str, Any]]]:
+def judge(quirk: str, *words: str, devices: str = "mac23:0") -> tuple[int, list[dict[str, Any]]]:
     """Judge a twin with one quirk, in virtual time; give the exit status and all findings."""
-    url = f"axistwin://mac23:0?time=virtual&quirk.{quirk}"
+    url = f"axistwin://{devices}?time=virtual&quirk.{quirk}"
     result = CliRunner().invoke(conform, ["mac23", "--port", url, *ALLOWED, *words, "--json"])
     events = [json.loads(line) for line in result.stdout.splitlines()]
     findings = [
@@ -243,6 +243,16 @@ def test_what_is_refused_in_another_reading_is_no_failure_of_a_reply(reading: st
     """A segment after a single one, where the store errs when it is empty; or 1Ch."""
     status, findings = judge(reading, "nothing_follows_an_acceptance")
     assert {one["verdict"] for one in findings if one["requirement"]} == {"pass"}, findings
+    assert status == 0
+
+
+def test_modules_that_all_reply_at_once_are_let_finish_before_the_next_frame() -> None:
+    """Replies of several to one frame garble one another; what is sent meanwhile, nobody hears."""
+    status, findings = judge(
+        "general_reply_policy=all", "general_commands_are_executed_by_all", "--neighbour", "1",
+        devices="mac23:0,mac23:1",
+    )  # fmt: skip
+    assert {one["verdict"] for one in findings if one["requirement"] == "MACS-MULTI-02"} == {"pass"}
     assert status == 0
 
 

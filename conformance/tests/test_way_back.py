@@ -9,14 +9,15 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import pytest
 from family_variants import vary
 from interfaces import judge_plainly, real_options
+from quirk_twins import quirks_query
 from shaft_watch import Watch
 from zoo.motion import a_move_is_relative
 
@@ -79,14 +80,19 @@ def pty_twin(axistwin: Callable[..., Any]) -> Any:
     return axistwin("mac23", pacing=False)
 
 
-def run_on_a_twin() -> Run:
-    """What a check on the built-in twin would be handed, with all the travel there is."""
-    options = make_options(model="mac23")
+def run_on_a_twin(model: str = "mac23", readings: Mapping[str, str] = MappingProxyType({})) -> Run:
+    """What a check on the built-in twin of these readings, which are known, would be handed, with
+    all the travel there is."""
+    options = make_options(model=model)
     family = options.family
-    return Run(
-        family.open(options.url, None, is_builtin=True), family, family.models["mac23"],
-        load_ledger(family.name), 0, (), options.allowed, Envelope(1 << 31, 8_000_000), 0,
+    run = Run(
+        family.open(options.url + quirks_query(readings), None, is_builtin=True),
+        family, family.models[model],
+        load_ledger(family.name), options.address, (), options.allowed,
+        Envelope(1 << 31, 8_000_000), 0,
     )  # fmt: skip
+    run.readings.update(readings)
+    return run
 
 
 def test_in_virtual_time_the_longest_way_back_takes_a_few_exchanges() -> None:
@@ -145,7 +151,41 @@ def test_an_axis_that_does_not_move_is_not_waited_for() -> None:
         run.target.close()
 
 
-@pytest.mark.parametrize("readings", [{}, {"preload_policy": "keep"}], ids=["usual", "keeps"])
+KEEPS = {"preload_policy": "keep"}  # what 10h has begun, whatever stops the axis
+KEEPS_ON_CAN = {**KEEPS, "can_byte_order": "big", "sync_arm_lifetime": "kept"}
+
+
+@pytest.mark.parametrize(
+    ("model", "readings"),
+    [
+        ("mac23", KEEPS),
+        ("mac23-can", KEEPS_ON_CAN),
+        ("mac23-can", {**KEEPS_ON_CAN, "sync_arm_lifetime": "permanent"}),
+    ],
+    ids=["serial", "on CAN", "for ever"],
+)
+def test_an_axis_that_stops_leave_armed_is_driven_back_and_disarmed(
+    model: str, readings: dict[str, str]
+) -> None:
+    """A 10h that no motion has followed holds neither the way back nor whoever comes next."""
+    run = run_on_a_twin(model, readings)
+    run.envelope = Envelope(2000, 10_000)
+    run.target.travel_guard = run.family.travel_guard(run)
+    try:
+        run.memory = run.family.remember(Session(run))
+        driver = driver_of(Session(run))
+        driver.motion.finish(driver.motion.go(driver.motion.ready() + 60))
+        for _ in range(2):  # away from home, and at home
+            driver.judge.accepted(0x10)
+            assert run.family.restore(Session(run), run.memory) == ()
+        driver.judge.accepted(0x13, 30)
+        driver.client.wait(1)
+        assert driver.client.position() == 30
+    finally:
+        run.target.close()
+
+
+@pytest.mark.parametrize("readings", [{}, KEEPS], ids=["usual", "keeps"])
 def test_an_axis_that_goes_away_from_home_is_stopped_and_not_sent_again(
     readings: dict[str, str],
 ) -> None:

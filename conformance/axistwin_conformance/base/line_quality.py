@@ -39,12 +39,16 @@ LEAST_BAD = 4
 
 @dataclass(slots=True)
 class LineQuality:
-    """How many exchanges of a run went wrong on the way, as far as that can be told."""
+    """How many exchanges of a run went wrong on the way, as far as that can be told.
+
+    `summed`: of what was taken for corrupted, how many replies whose sum was right all the same.
+    """
 
     exchanges: int = 0
     corrupted: int = 0
     late: int = 0
     wrong: int = 0
+    summed: int = 0
     votes: Counter[tuple[str, str]] = field(default_factory=Counter)  # how something is spelt
     # Command that may not be sent again at once → its bad replies since the last good one.
     unrepeated: dict[int, list[bytes]] = field(default_factory=dict)
@@ -59,6 +63,14 @@ class LineQuality:
         """What was just taken for corrupted, came alike too often for that."""
         self.wrong += 1
         self.corrupted = max(0, self.corrupted - 1)
+
+    def is_meant(self, sums: int) -> bool:
+        """Count what was taken for corrupted, though its sum, one of so many, is right; True if
+        that was so too often for chance."""
+        self.summed += 1
+        ways = math.comb(max(self.corrupted, self.summed), self.summed)
+        other_sums: int = sums**self.summed
+        return ways * round(1 / FALSE_ALARM) < other_sums
 
     @property
     def rate(self) -> float:

@@ -42,12 +42,14 @@ class Axis:
     `reach`: where it is or may still go.  `counter`: what the counter was at `seen_ns`.  `tip`:
     where the last stored segment ends.  `target`: the counter a lone move goes to.  `speed`: of an
     endless motion (increments per second, 0: none) that may be running since `since_ns`, in the
-    directions `directions`.  `held`: an endless motion that waits for 11h.  `may_move`: something
-    may still be under way or stored; `segment_speed`: of the fastest segment among it.  `edge`: the
-    counter where the reference contact was worked since it was read; `is_cut`: the supply was cut
-    since then.  `is_worked`: the rig has done anything since then.  `begun_ns`: when a motion was
-    last asked for; `begun_by`: the command that did.  `is_still`: it was seen to stand still since.
-    `slowest_ticks`: what an increment of any motion asked for since it last was takes at most.
+    directions `directions`.  `is_armed`: by 10h, a motion held back or none; None: nobody knows.
+    `is_filled`: if it is, a motion is held back.  `held`: it may be that endless one.  `may_move`:
+    something may still be under way or stored; `segment_speed`: of the fastest segment among it.
+    `edge`: the counter where the reference contact was worked since it was read; `is_cut`: the
+    supply was cut since then.  `is_worked`: the rig has done anything since then.  `begun_ns`: when
+    a motion was last asked for; `begun_by`: the command that did.  `is_still`: it was seen to stand
+    still since.  `slowest_ticks`: what an increment of any motion asked for since it last was takes
+    at most.
     """
 
     reach: Interval = (0, 0)
@@ -63,7 +65,8 @@ class Axis:
     begun_ns: int = 0
     directions: Interval = (0, 0)
     held: tuple[int, Interval] | None = None
-    is_armed: bool = False
+    is_armed: bool | None = False
+    is_filled: bool = False
     may_move: bool = False
     segment_speed: int = 0
     has_reference: bool = False
@@ -96,6 +99,43 @@ class Axis:
             return 0  # no slower than any speed that can be asked for
         return RAMP_LEVELS * (parameter & 0xFFFF if index == 0x15 else self.period)
 
+    def was_seen_at(self, counter: int) -> bool:
+        """Whether it stood there when it was looked at, if nothing moved it that was asked to."""
+        is_under_way = self.speed or self.segment_speed or self.is_worked
+        return self.counter == (counter, counter) and not is_under_way
+
+    def stepped(self, steps: int, coasting: int, period: int) -> Axis:
+        """16h: one more segment is stored; behind the last one it may run on by so many."""
+        end = shift(self.tip, (steps, steps))
+        beyond = coasting if steps > 0 else -coasting
+        tip = join(end, shift(end, (beyond, beyond)))
+        return replace(
+            self,
+            reach=join(self.reach, tip),
+            tip=tip,
+            target=None,
+            may_move=True,
+            segment_speed=max(self.segment_speed, TICKS_PER_SECOND // period + 1),
+        )
+
+    def disarmed(self) -> Axis:
+        """What 10h has begun is over."""
+        return replace(self, held=None, is_armed=False, is_filled=False)
+
+    def released(self, now_ns: int, *, is_permanent: bool) -> Axis:
+        """11h: what is held runs, and nothing is armed any more, unless the device stays so; where
+        nothing was held it may."""
+        left = replace(self, held=None, is_filled=False)
+        if not is_permanent:
+            is_over = self.is_filled or self.is_armed is False
+            left = replace(left, is_armed=False if is_over else None)
+        if self.held is None:
+            return left
+        speed, directions = self.held
+        return replace(
+            left, speed=speed, directions=directions, since_ns=now_ns, may_move=True, target=None
+        )
+
     def joined(self, other: Axis) -> Axis:
         """Either of two; nobody knows which."""
         directions = join(self.directions, other.directions)
@@ -113,7 +153,8 @@ class Axis:
             since_ns=min(self.since_ns, other.since_ns) if self.speed else other.since_ns,
             directions=directions,
             held=self.held or other.held,
-            is_armed=self.is_armed or other.is_armed,
+            is_armed=self.is_armed if self.is_armed is other.is_armed else None,
+            is_filled=self.is_filled and other.is_filled,
             may_move=self.may_move or other.may_move,
             segment_speed=max(self.segment_speed, other.segment_speed),
             is_still=self.is_still and other.is_still,
@@ -142,7 +183,7 @@ class Shown:
         if index in (0x13, 0x14):
             target = signed(parameter) if index == 0x13 else 0
             steps = min(SHOWN_STEPS, abs(target - axis.counter[0]))
-        if steps > ZERO_SLACK and not axis.is_armed and not axis.may_move:
+        if steps > ZERO_SLACK and axis.is_armed is False and not axis.may_move:
             period = parameter & 0xFFFF if index == 0x15 else axis.period
             self.due_ns = now_ns + steps * RAMP_LEVELS * period * TICK_NS
 

@@ -279,6 +279,7 @@ def would_lose(session: Session, data: bytes) -> str:
 def _put_back(driver: AxisDriver, memory: AxisSnapshot, left: tuple[int, ...]) -> tuple[str, ...]:
     session = driver.session
     _clear_fault(driver)
+    _disarm(driver)
     now = _read(driver)
     if now.position != memory.position:
         with contextlib.suppress(OutsideEnvelope):  # told as not put back
@@ -335,6 +336,14 @@ def _clear_fault(driver: AxisDriver) -> None:
             return
         driver.client.command(0x00)
         driver.motion.wait_awake()
+
+
+def _disarm(driver: AxisDriver) -> None:
+    """What stops have left armed would hold the next motion that anybody asks for (MACS-AMB-36)."""
+    if driver.motion.travel_guard is None or driver.motion.is_disarmed:
+        return  # the built-in twin is thrown away
+    with contextlib.suppress(OutsideEnvelope):
+        driver.motion.disarm()
 
 
 def _repairs(driver: AxisDriver, now: AxisSnapshot, memory: AxisSnapshot) -> list[tuple[int, int]]:

@@ -59,11 +59,12 @@ from axistwin_conformance.families.mac.axis.shaft import (
 from axistwin_conformance.families.mac.axis.suspects import Suspects
 
 MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is our own reaction
-# The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -51).
+# The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -40, -51).
 F6_TURNS: Final = "negative"
 REPLACES: Final = "replace"
 SEGMENTS_UNSIGNED: Final = "false"
 FLUSHES: Final = "true"
+COASTS: Final = "decelerate"
 PERMANENT: Final = "permanent"
 GENTLE_BRAKING: Final = 1_000_000  # inc/s²: a tenth of what an unloaded MAC23 does (§5.4)
 HALTING: Final = frozenset({0x00, 0x01, 0x18, 0x1A})
@@ -154,6 +155,11 @@ class AxisTravelGuard:
         """Increments that 18h and stops still take, where that is a number (MACS-AMB-76)."""
         number = self.readings.guess("brake_increments", "")
         return int(number) if number.isdigit() else self.run_on
+
+    @property
+    def _keeps_preload(self) -> bool:
+        """Whether what 10h has begun may outlast a stop (MACS-AMB-36)."""
+        return bool(self.readings.get("preload_policy", REPLACES) != REPLACES)
 
     def _braking(self, speed: int) -> int:
         """Increments a real axis may need to stop without ramp."""
@@ -262,9 +268,10 @@ class AxisTravelGuard:
         if index == 0x16 and half:
             return self._stepped(axis, parameter >> 16, half, frame)
         if index == 0x11:
-            return self._released(axis, now_ns)
+            lifetime = self.readings.guess("sync_arm_lifetime", "")
+            return axis.released(now_ns, is_permanent=lifetime == PERMANENT)
         if index == 0x17:
-            return replace(self._run_out(axis), held=None, is_armed=False)
+            return self._run_out(axis) if self._keeps_preload else self._run_out(axis).disarmed()
         if index in HALTING:
             return self._halted(axis, index, now_ns)
         if index == 0x0D and half:
@@ -279,16 +286,6 @@ class AxisTravelGuard:
             0x0F: {"coefficient": low_byte},
         }
         return replace(axis, **changes.get(index, {}))
-
-    def _released(self, axis: Axis, now_ns: int) -> Axis:
-        """11h: what is held runs, and nothing is armed any more, unless the device stays so."""
-        keeps = self.readings.guess("sync_arm_lifetime", "") == PERMANENT
-        axis = replace(axis, is_armed=axis.is_armed and keeps)
-        if axis.held is None:
-            return axis
-        speed, directions = axis.held
-        begun = replace(axis, speed=speed, directions=directions, since_ns=now_ns, may_move=True)
-        return replace(begun, held=None, target=None)
 
     def _cleared(self, axis: Axis, since_ns: int, now_ns: int) -> Axis:
         """0Bh, between two instants: the counter is 0, where the shaft is known no better, and a
@@ -325,7 +322,8 @@ class AxisTravelGuard:
             self._refuse(frame, f"period {period:04X}h is too fast", "--max-speed", speed)
 
     def _sent_to(self, axis: Axis, counter: int, now_ns: int, frame: bytes) -> Axis:
-        self._judge_period(axis.period, frame)
+        if not axis.was_seen_at(counter):  # a move of no way has no speed
+            self._judge_period(axis.period, frame)
         goal = shift(axis.offset, (counter, counter))
         moved = replace(
             axis,
@@ -333,11 +331,14 @@ class AxisTravelGuard:
             tip=join(axis.tip, goal),
             may_move=True,
             target=None if axis.may_move else counter,
+            is_filled=axis.is_armed is not False,
         )
         if not axis.has_reference or goal[1] <= axis.reach[0]:
             return moved
-        if axis.is_armed:  # 11h starts it; the deadline is checked then
-            return replace(moved, held=(TICKS_PER_SECOND // axis.period + 1, (0, 1)))
+        if axis.is_armed is not False:  # 11h starts it; the deadline is checked then
+            moved = replace(moved, held=(TICKS_PER_SECOND // axis.period + 1, (0, 1)))
+        if axis.is_armed:
+            return moved
         # Cleared on the way, the counter has as far to go again from there.
         speed = max(axis.speed, TICKS_PER_SECOND // axis.period + 1)
         return replace(
@@ -349,15 +350,8 @@ class AxisTravelGuard:
         steps = signed(digits, 16)
         if steps != digits and self.readings.get("segment_signed") == SEGMENTS_UNSIGNED:
             steps = digits
-        tip = shift(axis.tip, (steps, steps))
-        return replace(
-            axis,
-            reach=join(axis.reach, tip),
-            tip=tip,
-            target=None,
-            may_move=True,
-            segment_speed=max(axis.segment_speed, TICKS_PER_SECOND // period + 1),
-        )
+        coasts = self.readings.guess("fifo_underrun", COASTS) == COASTS
+        return axis.stepped(steps, ramp_increments(axis.coefficient) if coasts else 0, period)
 
     def _endless(self, axis: Axis, selector: int, period: int, now_ns: int, frame: bytes) -> Axis:
         if not period:
@@ -370,8 +364,10 @@ class AxisTravelGuard:
         is_known = f6_direction and not axis.may_move
         direction = -1 if selector == 0xF6 and f6_direction == F6_TURNS else 1
         directions = (min(direction, 0), max(direction, 0)) if is_known else (-1, 1)
+        if axis.is_armed is not False:
+            axis = replace(axis, held=(speed, directions), is_filled=True)
         if axis.is_armed:
-            return replace(axis, held=(speed, directions))
+            return axis
         return replace(
             axis, speed=speed, directions=directions, since_ns=now_ns, may_move=True, target=None
         )
@@ -389,23 +385,20 @@ class AxisTravelGuard:
         counter = axis.counter_at(now_ns + 2 * MARGIN_NS)  # at rest, until it is read
         far = self._braking(axis.speed) if axis.speed else 0
         reach = (axis.reach[0] + axis.directions[0] * far, axis.reach[1] + axis.directions[1] * far)
-        is_factory = index == 0x01
-        keeps = index in (0x18, 0x1A) and (
-            self.readings.get("abort_flush", FLUSHES) != FLUSHES
-            or self.readings.get("preload_policy", REPLACES) != REPLACES
-        )
+        is_stop, is_factory = index in (0x18, 0x1A), index == 0x01
+        keeps_segments = is_stop and self.readings.get("abort_flush", FLUSHES) != FLUSHES
+        keeps_preload = keeps_segments or (is_stop and self._keeps_preload)
+        keeps = keeps_segments or (keeps_preload and axis.is_armed is not False)
         return replace(
-            axis,
+            axis if keeps_preload else axis.disarmed(),
             reach=reach,
             tip=axis.tip if keeps else reach,
             counter=counter,
             speed=0,
             directions=(0, 0),
             target=None,
-            held=axis.held if keeps else None,
-            is_armed=axis.is_armed and keeps,
             may_move=axis.may_move and keeps,
-            segment_speed=axis.segment_speed if keeps else 0,
+            segment_speed=axis.segment_speed if keeps_segments else 0,
             period=FACTORY_PERIOD if is_factory else axis.period,
         )
 
@@ -460,7 +453,9 @@ class AxisTravelGuard:
         """An axis that refuses to stop: after a fault nothing drives it (MACS-STATE-02).  What is
         preloaded stays where that is the reason (MACS-AMB-36)."""
         ended = self._heeded(before, after, now_ns)
-        return replace(ended, held=before.held, is_armed=before.is_armed)
+        return replace(
+            ended, held=before.held, is_armed=before.is_armed, is_filled=before.is_filled
+        )
 
     def _heeded(self, before: Axis, after: Axis, now_ns: int) -> Axis:
         """An axis that has obeyed somewhere between request and reply."""

@@ -37,6 +37,7 @@ OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
 MOST_GARBAGE: Final = 2 * codec.ANSWER_BYTES  # who says more, babbles
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
 REPLIED: Final = frozenset({ReplyKind.ANSWER, ReplyKind.ACCEPTED, ReplyKind.REFUSED})
+LATELY: Final = 16  # records: the last few exchanges
 
 
 def _is_general(data: bytes) -> bool:
@@ -79,7 +80,19 @@ class SerialClient(AxisClient):
             or not frame.is_well_formed
         ):
             return exchange
-        return self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
+        settled = self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
+        if settled is not exchange:
+            self._judge_passing(exchange.reply)
+        return settled
+
+    def _judge_passing(self, reply: SerialReply) -> None:
+        """Hold replies against the module that were no answers, and others when asked for again, if
+        their sums are right oftener than noise gets them right."""
+        if reply.kind is not ReplyKind.GARBAGE or not codec.is_summed(reply.raw):
+            return
+        if self.session.run.quality.is_meant(codec.SUMS):
+            actual = f"now and then {'; '.join(reply.flaws)}, with the right sum"
+            self.session.run.violations.append(("MACS-REPLY-07", "the same form each time", actual))
 
     def _is_good(self, index: int, reply: SerialReply, *, may_be_silent: bool) -> bool:
         """True if a module could say that, as far as is known of this one."""
@@ -121,12 +134,23 @@ class SerialClient(AxisClient):
         """Set aside what has come since the last reply.  Where that was whole, to a frame that one
         module alone replies to, and nothing gets lost, nobody had asked for it (MACS-REPLY-12)."""
         run, surplus = self.session.run, self.target.drain()
-        if not surplus or not self.target.is_lossless or run.replied_at < 0:
+        if not surplus or run.replied_at < 0:
             return
         since = self.target.transcript.since(run.replied_at)
-        if not any(record.direction is Direction.HOST for record in since):
+        if any(record.direction is Direction.HOST for record in since):
+            return
+        if self.target.is_lossless or self._is_surely_unasked(surplus):
             came = surplus.hex(" ").upper()
             run.violations.append(("MACS-REPLY-12", "nothing until it is asked", came))
+
+    def _is_surely_unasked(self, surplus: bytes) -> bool:
+        """The same where bytes get lost or come late: no noise makes a whole reply, and what the
+        way has held up comes before what was said later, so before the last replies."""
+        if codec.parse(surplus).kind not in REPLIED:
+            return False
+        transcript = self.target.transcript
+        lately = transcript.since(transcript.position - LATELY)
+        return not any(record.direction is Direction.SILENCE for record in lately)
 
     def _note_whole(self, data: bytes, reply: SerialReply) -> None:
         """Take note that this module, and none beside it, has said all that it was asked for."""

@@ -42,6 +42,7 @@ REQUEST_LENGTH_FIELD: Final = b"014"
 REQUEST_BYTES: Final = 21
 SUMMED_BYTES: Final = 14
 SHORT_REPLY_BYTES: Final = 3
+SUMS: Final = 256  # different ones
 ANSWER_BYTES: Final = 21
 ANSWER_START: Final = bytes([ACK, XOFF, STX])
 GENERAL_ADDRESS: Final = 0xFF
@@ -187,6 +188,16 @@ def missing_bytes(received: bytes) -> int:
     if received[2] != STX:
         return 0
     return max(0, ANSWER_BYTES - len(received))
+
+
+def is_summed(received: bytes) -> bool:
+    """Whether it is framed as an answer, and the sum is that of what it holds, whatever that is:
+    whoever sent it meant it.  No byte spoilt, lost or added on the way leaves the sum right, but
+    for zeros, which a glitch adds."""
+    summed, told, final = received[6:-4], received[-4:-2], received[-2:]
+    is_begun = received.startswith(ANSWER_START) and received[3:6] in ANSWER_LENGTH_FIELDS
+    is_ended = final[:1] == bytes([ETX]) and final[-1] in XON_SPELLINGS
+    return is_begun and is_ended and 0 not in summed and told == two_digits(checksum(summed))
 
 
 def parse(received: bytes) -> SerialReply:

@@ -291,6 +291,14 @@ class AxisMotion:
 
     def at_rest(self) -> None:
         """End motion and synchronous mode, whatever the device's reading of either."""
+        self._rest(is_armed=False)
+
+    def disarm(self) -> None:
+        """The same where nobody knows whether stops leave what 10h has begun (MACS-AMB-36)."""
+        self._rest(is_armed=True)
+
+    def _rest(self, *, is_armed: bool) -> None:
+        """`is_armed`: what 10h has begun, with a motion or without, is ended for certain."""
         if self._session.run.runaway:
             hold(self._client)
             return
@@ -299,17 +307,23 @@ class AxisMotion:
             self._client.command(
                 0x1A
             )  # what 18h leaves in the FIFO and preloaded, goes with the power
-        if reply.kind is ReplyKind.REFUSED or self._readings.known("preload_policy"):
-            # A preloaded motion survives 18h on this device: let it start, and stop it.
+        if self._readings.known("preload_policy") and not self.is_disarmed:  # stops may leave it
+            if self._readings.may_be("sync_arm_lifetime", "permanent"):
+                self.reinitialise()  # nothing else disarms it
+                return
+            is_armed = True
+        if is_armed:  # what holds no motion yet is spent on one of no way
+            self._client.command(0x13, self._client.position())
+        if is_armed or reply.kind is ReplyKind.REFUSED:
             self._client.command(0x11)
             self._client.command(0x18)
 
-    def disarm(self) -> None:
-        """Spend a 10h that no motion has followed: stops may leave it (MACS-AMB-36)."""
-        self.at_rest()
-        self._client.command(0x13, self._client.position())
-        self._client.command(0x11)
-        self.at_rest()
+    @property
+    def is_disarmed(self) -> bool:
+        """True if the travel guard has followed the axis, and nothing 10h has begun is left."""
+        guard = self.travel_guard
+        axis = None if guard is None else guard.axes.get(self._client.address)
+        return axis is not None and axis.is_armed is False
 
     def go(self, target: int) -> Forecast:
         """Send 13h to a target in the envelope; it must be accepted.  Give what to expect."""

@@ -29,6 +29,12 @@ class AxisReadings:
         run.readings.setdefault(switch, readings[outcome])
         return outcome
 
+    def may_be(self, switch: str, reading: str) -> bool:
+        """Whether the device may follow that reading, if this module's manual leaves it open."""
+        run = self._session.run
+        is_asked = reading in run.ledger.ambiguity_of(switch).switches[switch]
+        return is_asked and run.readings.get(switch, reading) == reading
+
     def is_open(self, switch: str) -> bool:
         """True if it was asked, and what the device did fits several readings."""
         run = self._session.run

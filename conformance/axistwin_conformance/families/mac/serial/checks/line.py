@@ -127,10 +127,12 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
 
 
 def general(driver: SerialDriver, index: int, parameter: int = 0) -> AxisExchange:
-    """Send a frame to the general address."""
-    return driver.client.send(
-        driver.client.request(index, parameter, address=GENERAL_ADDRESS), QUIET_S * 2
-    )
+    """Send a frame to the general address; nobody talks any more when it is over."""
+    request = driver.client.request(index, parameter, address=GENERAL_ADDRESS)
+    exchange = driver.client.send(request, QUIET_S * 2)
+    if exchange.kind is ReplyKind.GARBAGE:  # of several replies at once, this is the beginning
+        driver.client.wait(QUIET_S)
+    return exchange
 
 
 def _everybody(session: Session) -> list[SerialDriver]:
