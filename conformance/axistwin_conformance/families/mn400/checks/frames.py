@@ -99,6 +99,18 @@ def an_order_with_a_wrong_checksum_has_no_effect(session: Session) -> None:
     session.expect(position == (1, 2, 3, 4), "MN4-ERR-02", "1, 2, 3, 4", position)
 
 
+@check("MN4-PKT-05", needs=("alone",))
+@restoring("L")
+def an_order_to_all_with_a_wrong_checksum_has_no_effect(session: Session) -> None:
+    """L to id 0 under a wrong sum leaves the counters as they are."""
+    driver = BoardDriver(session)
+    driver.command("L1,2,3,4")
+    driver.client.send(codec.with_wrong_checksum(codec.request(codec.ALL_BOARDS, "L9,9,9,9")))
+    driver.client.forget_frame()
+    position = driver.position()
+    session.expect(position == (1, 2, 3, 4), "MN4-PKT-05", "1, 2, 3, 4", position)
+
+
 @check("MN4-PKT-04", "MN4-PHY-03")
 @restoring("L")
 def a_checksum_may_look_like_anything(session: Session) -> None:
