@@ -9,6 +9,8 @@ Rules.
    caller waits out its receive time-out before he asks anything (MN4-PKT-15).
 3. Where bytes may get lost, what reads is sent again below the checks; what sets a value too, for
    it sets the same one.  What moves, stores or counts is not: that voids the attempt.
+4. Whether a board is at some id and rate is asked by `seek`: what comes of that, or does not, says
+   nothing of the line, and nothing of a board that is elsewhere.
 """
 
 from __future__ import annotations
@@ -197,6 +199,19 @@ class BoardClient:
             return exchange
         self.target.note_exchange(raw, len(exchange.raw), exchange.asked_ns)
         return self._undisturbed(exchange, packet, timeout_s)
+
+    def seek(self, most: int | None = None) -> BoardExchange:
+        """Poll a board that need not be there, or must not be (rule 4), until it answers, or so
+        often in vain; `most`: None: as often as noise does not make a board silent."""
+        raw = self.request("*")
+        exchange = self._once(raw, None)
+        needed = 1 if self.target.is_lossless else self.session.run.quality.alike_needed
+        for _ in range(1, needed if most is None else most):
+            if self._is_good(exchange, "*"):
+                break
+            self.forget_frame()
+            exchange = self._once(raw, None)
+        return exchange
 
     def ask_all(self, text: str, limit_s: float) -> BoardExchange:
         """Send a request to all boards; what comes within so long (s), whosever it is."""

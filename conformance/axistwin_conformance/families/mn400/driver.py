@@ -21,6 +21,7 @@ from axistwin_conformance.families.mn400.model.motions import Span
 
 DONE: Final = ("START", "DONE")
 DATA: Final = ("START", "data")
+PRESENT: Final = ("START", "PRESENT")
 AXES: Final = 4
 FLAGS: Final = ("ShieldFlag", "FeedHold", "PauseFlag", "PauseState", "AbortFlag")
 
@@ -118,7 +119,11 @@ class BoardDriver:
 
     def is_present(self) -> bool:
         """True if it answers a poll as it should."""
-        return self.ask("*").says("START", "PRESENT")
+        return self.ask("*").says(*PRESENT)
+
+    def is_found(self, most: int | None = None) -> bool:
+        """The same of a board that need not be there; see `BoardClient.seek`."""
+        return self.client.seek(most).says(*PRESENT)
 
     # --- judging what comes -----------------------------------------------------------------------
 
