@@ -9,6 +9,7 @@ from interfaces import PLAIN, InterfaceRun, judged_behind
 from mn400_twin import URL, AlteredTwin, session_of
 
 from axistwin_conformance.base.errors import TargetError
+from axistwin_conformance.base.events import Event, Note
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.driver import BoardDriver
@@ -23,9 +24,14 @@ ELSEWHERE = (
 )  # fmt: skip
 
 
-def judged(*words: str, **given: Any) -> InterfaceRun:
-    """Judge a sound twin as a real board, with all allowed that needs no rig."""
-    return judged_behind(PLAIN, *words, model="mn400", rate=9600, level="full", **given)
+def judged(*words: str, **given: Any) -> tuple[InterfaceRun, list[str]]:
+    """Judge a sound twin as a real board, with all allowed that needs no rig; and what is told of
+    the line."""
+    told: list[Event] = []
+    how = {"model": "mn400", "rate": 9600, "level": "full", "hear": told.append, **given}
+    run = judged_behind(PLAIN, *words, **how)
+    notes = [one.text for one in told if isinstance(one, Note)]
+    return run, [text for text in notes if "was late" in text or "noise on" in text]
 
 
 def session_on_a_line(port: Any) -> Session:
@@ -40,8 +46,10 @@ def session_on_a_line(port: Any) -> Session:
 def test_a_board_that_is_elsewhere_makes_no_line_noisy() -> None:
     """All that sets id, rate and configuration is judged in one run, and nothing is left changed:
     no silence at an id or a rate that the board has left, counts against it or the line."""
-    result = judged(*ELSEWHERE).result
+    run, told = judged(*ELSEWHERE)
+    result = run.result
     assert {one.verdict for one in result.requirements} == {Verdict.PASS}
+    assert told == []
     assert result.problems == []
     assert result.exit_status == 0, result.sentence
 
@@ -81,3 +89,14 @@ def test_a_poll_that_is_lost_does_not_hide_a_board() -> None:
     lost += [""]
     assert BoardDriver(session).is_found()
     assert session.run.quality.corrupted == 0
+
+
+# --- what takes its time --------------------------------------------------------------------------
+
+
+@pytest.mark.strength(seconds=10)
+def test_a_reply_that_is_due_later_than_others_is_not_late() -> None:
+    """A measurement takes 0.1 s or 1 s, and behind the last line of a listing it is we who wait."""
+    run, told = judged("MN4-MEA-01", "MN4-NVM-11")
+    assert {one.verdict for one in run.result.requirements} == {Verdict.PASS}
+    assert told == []

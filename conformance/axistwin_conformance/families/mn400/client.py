@@ -163,11 +163,15 @@ class BoardClient:
 
     def limit_s(self, text: str) -> float:
         """How long to wait for the first byte of each packet of a reply."""
+        own_s = max(0, len(text) - LONGEST_TEXT) * self.target.byte_ns / 1e9  # it must be there
+        return self.session.reply_timeout_s + own_s + self.later_s(text)
+
+    def later_s(self, text: str) -> float:
+        """How much later than others a reply is due: it measures first, or waits for its slot."""
         mode = text[1:].replace(" ", "")  # some boards skip spaces (MN4-AMB-68)
         measure = MEASURES_S.get(codec.number_in(mode), 0.0) if mode.isdigit() else 0.0
         later_s = {"E": measure, "*": self.poll_slot_s() * (self.board - 1)}
-        own_s = max(0, len(text) - LONGEST_TEXT) * self.target.byte_ns / 1e9  # it must be there
-        return self.session.reply_timeout_s + own_s + later_s.get(text[:1].upper(), 0.0)
+        return later_s.get(text[:1].upper(), 0.0)
 
     def poll_slot_s(self) -> float:
         """How long a board waits with a poll's reply for each id below its own (MN4-DROP-03)."""
@@ -197,7 +201,10 @@ class BoardClient:
         is_own = packet is not None and packet.is_sound and packet.board == self.board
         if not is_own or packet is None:
             return exchange
-        self.target.note_exchange(raw, len(exchange.raw), exchange.asked_ns)
+        done_ns, later_ns = exchange.done_ns, round(self.later_s(packet.text) * 1e9)
+        self.target.note_exchange(
+            raw, len(exchange.raw), exchange.asked_ns, done_ns=done_ns, later_ns=later_ns
+        )
         return self._undisturbed(exchange, packet, timeout_s)
 
     def seek(self, most: int | None = None) -> BoardExchange:
