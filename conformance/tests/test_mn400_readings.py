@@ -5,6 +5,7 @@ from __future__ import annotations
 from urllib.parse import quote
 
 import pytest
+from interfaces import PLAIN, judged_behind
 from mn400_twin import AlteredTwin, failures, judged, session_of
 
 from axistwin_conformance.base.check import Check
@@ -15,6 +16,21 @@ from axistwin_conformance.families.mn400.family import Mn400
 from axistwin_conformance.families.mn400.grammar import Refusal, read_command
 
 pytestmark = pytest.mark.strength
+
+TOGETHER: list[dict[str, str]] = [
+    {
+        "data_packet_trailer": "0500", "abs_mode_value": "0", "movepending_exempt": "K&Q",
+        "cc_unsupported": "busy", "readcount_after_abort": "zero", "arc_rate": "tangential",
+        "step_phase": "start", "backlash_speed": "start",
+    },
+    {
+        "error_start_policy": "never", "cc_margin_scope": "per_axis_equal",
+        "hold_after_release": "one_shot", "extra_params": "ignore", "omitted_param": "error",
+        "readcount_sign": "magnitude", "pause_decel": "false", "accel_scale": "0.5",
+        "queue_depth": "8",
+    },
+]  # fmt: skip
+"""Readings of which many are told by where the axes are at what time."""
 
 CHECKS = {one.name: one for one in Mn400().checks()}
 PROBES = {one.switch: one for one in Mn400().probes()}
@@ -141,3 +157,12 @@ def test_a_measurement_asked_for_behind_a_space_is_waited_for() -> None:
     session = session_of(twin({"space_policy": "skip"}), readings={"space_policy": "skip"})
     driver = session.run.family.driver(session)
     assert driver.ask("E 2").codes == ("START", "data")
+
+
+@pytest.mark.parametrize("quirks", TOGETHER)
+def test_a_board_of_many_other_readings_conforms_on_a_real_port(quirks: dict[str, str]) -> None:
+    """Whose clock began days ago; each reading is told."""
+    query = "".join(f"&quirk.{name}={quote(value)}" for name, value in quirks.items())
+    run = judged_behind(PLAIN, model="mn400", query=query, level="full", allow="motion")
+    assert run.result.exit_status == 0, (run.failed, run.result.sentence)
+    assert run.wrong_readings == quirks
