@@ -101,6 +101,11 @@ class BoardDriver:
         """What is left of the current move."""
         return self.numbers("N", AXES)
 
+    def counted(self, steps: Iterable[int]) -> tuple[int, ...]:
+        """Steps that are left, as this board counts them (MN4-AMB-39)."""
+        is_signed = self.reading("readcount_sign") == "signed"
+        return tuple(steps) if is_signed else tuple(map(abs, steps))
+
     def flags(self) -> Mapping[str, int]:
         """The five flags of : by their names."""
         return dict(zip(FLAGS, self.numbers(":", len(FLAGS)), strict=True))

@@ -204,7 +204,7 @@ def steps_left_of_an_arc_are_those_to_its_end(session: Session) -> None:
     motion.do("{", "MN4-ARC-09")
     here = motion.rest()
     left = motion.driver.steps_left()
-    net = (-800 - here[0], 0, -here[2], 0)
+    net = motion.driver.counted((-800 - here[0], 0, -here[2], 0))
     if motion.driver.reading("readcount_arc") == "net":
         motion.driver.tells(left == net, "MN4-ARC-09", str(net), left)
     else:
