@@ -81,6 +81,7 @@ JUDGED: list[tuple[str, dict[str, str]]] = [
 NOT_TOLD: list[tuple[str, dict[str, str]]] = [
     ("a_running_contour_can_be_paused_and_quit", {"readcount_sign": "magnitude"}),
     ("steps_left_of_an_arc_are_those_to_its_end", {"readcount_sign": "magnitude"}),
+    ("settings_are_served_and_refused_at_their_edges", {"omitted_param": "error"}),
 ]
 MEASURED = [("queue_depth", "778"), ("cc_capacity", "700"), ("rx_payload_max", "966")]
 
