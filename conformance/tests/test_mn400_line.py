@@ -100,3 +100,27 @@ def test_a_reply_that_is_due_later_than_others_is_not_late() -> None:
     run, told = judged("MN4-MEA-01", "MN4-NVM-11")
     assert {one.verdict for one in run.result.requirements} == {Verdict.PASS}
     assert told == []
+
+
+@pytest.mark.strength
+def test_a_board_of_a_high_id_is_judged_by_how_long_it_takes_without_its_slot() -> None:
+    """At id 100 a poll waits for 1.4 s: that makes no line too slow to tell a reading."""
+    query = "&quirk.omitted_param=zero"
+    run, told = judged("what_is_left_out_keeps_its_value", address=100, query=query)
+    assert run.result.readings["omitted_param"] == "zero"
+    assert told == []
+
+
+@pytest.mark.strength(seconds=10)
+def test_a_board_of_a_high_id_conforms() -> None:
+    """Where what is asked holds a poll, its slot is waited for; what its neighbour would say is no
+    command because of its sum."""
+    run, told = judged(
+        "packets_in_a_row_are_answered_one_by_one", "a_gap_within_a_frame_does_not_break_it",
+        "a_board_finds_the_next_frame", "in_motion_reads_are_answered_at_once",
+        "what_another_board_says_is_none_of_its_business", address=100,
+    )  # fmt: skip
+    found = [one for ran in run.result.checks for one in ran.findings]
+    assert {one.verdict for one in found} == {Verdict.PASS}
+    assert run.wrong_readings == {}
+    assert told == []

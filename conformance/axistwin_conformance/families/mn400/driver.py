@@ -23,6 +23,7 @@ DONE: Final = ("START", "DONE")
 DATA: Final = ("START", "data")
 PRESENT: Final = ("START", "PRESENT")
 AXES: Final = 4
+LONGEST_VALUE: Final = 60  # bytes of the longest packet that E draws
 FLAGS: Final = ("ShieldFlag", "FeedHold", "PauseFlag", "PauseState", "AbortFlag")
 
 
