@@ -77,6 +77,12 @@ JUDGED: list[tuple[str, dict[str, str]]] = [
     ("a_payload_may_be_as_long_as_the_longest_command", {"rx_payload_max": "966"}),
     ("a_payload_may_be_as_long_as_the_longest_command", {"error_start_policy": "always"}),
 ]
+# In which nothing is left to be told, where the reading is known.
+NOT_TOLD: list[tuple[str, dict[str, str]]] = [
+    ("a_running_contour_can_be_paused_and_quit", {"readcount_sign": "magnitude"}),
+    ("steps_left_of_an_arc_are_those_to_its_end", {"readcount_sign": "magnitude"}),
+    ("settings_are_served_and_refused_at_their_edges", {"omitted_param": "error"}),
+]
 MEASURED = [("queue_depth", "778"), ("cc_capacity", "700"), ("rx_payload_max", "966")]
 
 
@@ -97,6 +103,15 @@ def test_a_board_of_that_reading_is_judged(name: str, quirks: dict[str, str]) ->
     found = verdicts(CHECKS[name], quirks)
     assert found.keys() == {*CHECKS[name].requirements}
     assert {*found.values()} <= {"pass", "quirk"}
+
+
+@pytest.mark.parametrize(("name", "quirks"), NOT_TOLD)
+def test_nothing_is_told_of_a_board_that_does_what_its_reading_says(
+    name: str, quirks: dict[str, str]
+) -> None:
+    """Neither as a failure nor as what is merely unusual."""
+    found = {one.verdict.value for one in judged(CHECKS[name], twin(quirks), readings=quirks)}
+    assert found <= {"pass", "quirk", "not run"}
 
 
 def verdicts(check: Check, quirks: dict[str, str]) -> dict[str, str]:

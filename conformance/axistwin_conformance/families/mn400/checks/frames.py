@@ -145,7 +145,7 @@ def packets_in_a_row_are_answered_one_by_one(session: Session) -> None:
     driver = BoardDriver(session)
     driver.target.drain()
     driver.client.send(driver.client.request("*") + driver.client.request("E"))
-    came = driver.client.listen(session.reply_timeout_s + driver.client.limit_s("E"))
+    came = driver.client.listen(driver.client.limit_s("*") + driver.client.limit_s("E"))
     found, strays = codec.packets(came)
     pairs = zip(found, codec.codes_of(found), strict=True)
     said = " ".join(f"{packet.command} {code}" for packet, code in pairs)
@@ -162,7 +162,7 @@ def a_gap_within_a_frame_does_not_break_it(session: Session) -> None:
     for index in range(len(raw) - 1):
         driver.client.send(raw[index : index + 1])
         driver.target.wait(GAP_S)
-    exchange = driver.client.ask_raw(raw[-1:])
+    exchange = driver.client.ask_raw(raw[-1:], driver.client.limit_s("*"))
     driver.tells(exchange.says(*PRESENT), "MN4-PKT-09", "START and PRESENT", exchange)
 
 
@@ -177,7 +177,7 @@ def a_board_finds_the_next_frame(session: Session) -> None:
         ("MN4-PKT-11", bytes([other]) + b"E1"),
         ("MN4-PKT-15", bytes([own])),
     ):
-        exchange = driver.client.ask_raw(begun + poll)
+        exchange = driver.client.ask_raw(begun + poll, driver.client.limit_s("*"))
         driver.tells(exchange.says(*PRESENT), name, "a poll's reply", exchange)
     driver.client.send(poll[:2])
     driver.client.forget_frame()
