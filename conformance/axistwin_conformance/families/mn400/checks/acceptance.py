@@ -24,7 +24,7 @@ from axistwin_conformance.families.mn400.driver import DATA
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.model.states import BoardState, CellOutcome, state_table
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
-from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off
+from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off, wait_for_rest
 
 ORDER = 140
 
@@ -157,6 +157,8 @@ class StateRow:
             exchange = self.driver.ask(text)
             self.session.step(exchange.is_sound, f"an answer to {text}", exchange.observed)
             self.motion.model.accept(text, self.motion.span(exchange))
+        if self.state is BoardState.ABT and self.driver.reading("quit_decel") == "true":
+            wait_for_rest(self.driver)  # what may be moving must not be loaded; see `_texts`
 
     def _leave(self) -> None:
         """End whatever may be going on, pending or entered, in any reading."""
