@@ -22,6 +22,8 @@ SECOND = 1_000_000_000
 KNOWN = {
     "abs_mode_value": "1", "plane_base": "1", "queue_modal": "true",
     "cc_unsupported": "invalidcommand", "pending_move_reply": "done", "release_reply": "done",
+    "quit_flushes_queue": "true", "quit_decel": "false", "quit_in_entry": "both",
+    "backlash_counts": "false",
 }  # fmt: skip
 FAMILY = Mn400()
 CHECKS = {one.name: one for one in FAMILY.checks()}

@@ -24,7 +24,7 @@ from axistwin_conformance.families.mn400.driver import DATA
 from axistwin_conformance.families.mn400.grammar import ReplyForm, rule_of
 from axistwin_conformance.families.mn400.model.states import BoardState, CellOutcome, state_table
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
-from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off
+from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off, wait_for_rest
 
 ORDER = 140
 
@@ -33,10 +33,12 @@ STEPS: Final = 400
 MOST_QUEUED: Final = 4  # commands that are left waiting, at most
 JOG_SPEED: Final = "Y100"  # in case an input of the panel is on
 SETTLED_S: Final = 0.6  # by which a state that was entered would show
+LOAD: Final = "L1,2,3,4"
+LOAD_STANDING: Final = "L,2,3,4"  # all axes but the one that moves
 # Commands as they are sent in every state; what moves goes a few steps.
 TEXTS: Final = (
     "/", "?", "S", "N", "E", "[", ":", "*", "&", "K", "|", "X1", "B0,0,0,0", "D1,1,1,1",
-    "G2000,1000,100,10,8000", "Y1000", "X3", "\x04", "W", ";0", "R", "C1,1", "L1,2,3,4", "}",
+    "G2000,1000,100,10,8000", "Y1000", "X3", "\x04", "W", ";0", "R", "C1,1", LOAD, "}",
     "M2", "A-2,0,-4,0,1", "+-2,0,-4,0,1,2,0", "(", ")", "{", "J1", "T2,0,0,0,1000,0", "Q",
 )  # fmt: skip
 QUEUEING: Final = (BoardState.MOV, BoardState.QUE, BoardState.PAU, BoardState.CCX, BoardState.THR)
@@ -76,10 +78,22 @@ class StateRow:
             places = int(self.driver.reading("queue_depth")) - (state is BoardState.QUE)
             self._most_queued = min(MOST_QUEUED, max(1, places))
 
+    @property
+    def _texts(self) -> tuple[str, ...]:
+        """All that is sent.  Where an L acts at once the counter of an axis that moves is not
+        loaded: nobody would know any more where that axis is (MN4-AMB-52)."""
+        texts = (*TEXTS, *unchanged(self.motion))
+        if self.state not in QUEUEING or self.driver.reading("queue_modal") == "true":
+            return texts
+        has_standing = self.driver.reading("omitted_param") == "keep"
+        kept = [LOAD_STANDING] if has_standing else []
+        at = texts.index(LOAD)
+        return (*texts[:at], *kept, *texts[at + 1 :])
+
     def judge(self) -> None:
         """Judge every cell."""
         self._enter()
-        for text in (*TEXTS, *unchanged(self.motion)):
+        for text in self._texts:
             if not self._judge_cell(text):
                 self._leave()
                 self._enter()
@@ -143,6 +157,8 @@ class StateRow:
             exchange = self.driver.ask(text)
             self.session.step(exchange.is_sound, f"an answer to {text}", exchange.observed)
             self.motion.model.accept(text, self.motion.span(exchange))
+        if self.state is BoardState.ABT and self.driver.reading("quit_decel") == "true":
+            wait_for_rest(self.driver)  # what may be moving must not be loaded; see `_texts`
 
     def _leave(self) -> None:
         """End whatever may be going on, pending or entered, in any reading."""

@@ -115,9 +115,22 @@ class BoardReach:
         """The same if what is under way may end, or has ended, anywhere on its way."""
         return replace(self, tip=self.reach)
 
-    def sent_to(self, tip: Box, letter: str, passed: Box | None = None) -> BoardReach:
-        """The same with one more motion that ends in that box, and stays within `passed`."""
-        reach = joined_boxes(self.reach, tip, *([passed] if passed is not None else []))
+    def finished(self) -> BoardReach:
+        """The same behind an N with nothing left: a lone move, that nothing has ended or kept, is
+        over (MN4-CMD-N-02)."""
+        is_alone = self.motions == 1 and self.begun_by == "M" and not (self.holds or self.entry)
+        return replace(self, reach=self.tip, motions=0) if is_alone else self
+
+    def sent_to(
+        self, tip: Box, letter: str, passed: Box | None = None, *, is_kept: bool = False
+    ) -> BoardReach:
+        """The same with one more motion that ends in that box, and stays within `passed`; one of
+        more segments of a contour.  `is_kept`: it is made, too, where what it waits for was cut
+        short."""
+        way = joined_boxes(tip, *([passed] if passed is not None else []))
+        if is_kept and self.motions > (self.entry == "("):
+            way = tuple(map(_from_anywhere, way, self.tip, self.reach))
+        reach = joined_boxes(self.reach, tip, way)
         rows = [self._turned(axis, tip[axis], passed) for axis in range(AXES)]
         slack = tuple(row[0] for row in rows)
         return replace(
@@ -127,8 +140,8 @@ class BoardReach:
             slack=slack,
             slack_reach=joined_boxes(self.slack_reach, slack),
             memory=tuple(row[1] for row in rows),
-            motions=self.motions + 1,
-            begun_by=letter,
+            motions=self.motions + (self.entry != "("),
+            begun_by=self.entry or letter,
         )
 
     def _turned(self, axis: int, tip: Window, passed: Box | None) -> tuple[Window, int | None]:
@@ -155,10 +168,23 @@ class BoardReach:
         slack_reach = joined_boxes(self.slack_reach, slack)
         return replace(self, slack=slack, slack_reach=slack_reach, memory=memory)
 
+    def counting(self, before: BoardReach) -> BoardReach:
+        """The same if what has been made up for backlash since is in the counters."""
+        rows = zip(self.slack, before.slack, strict=True)
+        turns = [(new[0] - old[0], new[1] - old[1]) for new, old in rows]
+        return replace(
+            self,
+            reach=joined_boxes(self.reach, tuple(map(shift, self.reach, turns))),
+            tip=tuple(map(shift, self.tip, turns)),
+            slack=before.slack,
+            slack_reach=before.slack_reach,
+        )
+
     def entered(self, letter: str) -> BoardReach:
-        """The same with an entry open; a contour may turn every axis."""
+        """The same with an entry open; a contour is one motion, and may turn every axis."""
         entered = replace(self, entry=letter, lines=())
         if letter == "(":
+            entered = replace(entered, motions=self.motions + 1, begun_by="(")
             return entered.turned(range(AXES))
         if letter == "Z":
             return replace(entered, program=None)
@@ -192,6 +218,13 @@ class BoardReach:
         )
 
 
+def planes(plane: tuple[int, int, int] | None) -> Sequence[tuple[int, int, int]]:
+    """The planes that may be meant, by their motors."""
+    if plane is not None:
+        return (plane,)
+    return [(x, y, z) for x in range(AXES) for y in range(AXES) for z in range(AXES) if x != y]
+
+
 def _place(offset: Window, counter: int, reach: Window) -> Window:
     """Where an axis of that counter is, which goes round at 32 bits (MN4-MOT-06): of all places the
     nearest to where it may be."""
@@ -216,6 +249,11 @@ def places_of(offset: Box, counters: Sequence[int], reach: Box) -> Box:
     """Where the axes of these counters are, none of which is elsewhere."""
     rows = zip(offset, counters, reach, strict=True)
     return tuple(shared(_place(*row), row[2]) or row[2] for row in rows)
+
+
+def _from_anywhere(way: Window, tip: Window, reach: Window) -> Window:
+    """A way that begins at the tip, or as far on from any place of the reach."""
+    return way[0] + reach[0] - tip[1], way[1] + reach[1] - tip[0]
 
 
 def _wider(window: Window, by: int) -> Window:

@@ -21,6 +21,9 @@ Rules.
    runaway (`runaway`), and from then on nothing that moves is sent any more.
 6. Motion without an end is that of a jog input that the rig works.  `deadline_ns` is when the stop
    must be on its way.
+7. Until a reading is detected all that any of them leads to is possible (`_may_read`): how far a Q
+   goes (MN4-AMB-62, MN4-AMB-74), whether backlash is counted (MN4-AMB-58).  What a queue that is
+   kept leads to begins where a Q has ended the motion before.
 
 Q, { and reads are never held back.
 """
@@ -45,6 +48,7 @@ from axistwin_conformance.families.mn400.motion.reach import (
     join,
     joined_boxes,
     places_of,
+    planes,
     shift,
 )
 from axistwin_conformance.families.mn400.motion.rig_controls import HALTING, JOGGING, POWER_NAME
@@ -68,7 +72,7 @@ OBEYED: Final = frozenset({"DONE", "data", "PRESENT", "BAUDCHANGEOK"})
 # Whose business a board is that goes where it was not told, by what had begun its last motion.
 BROKEN: Final = {
     "M": "MN4-CMD-M-01", "A": "MN4-CMD-A-01", "+": "MN4-CMD-HEL-01", "T": "MN4-CMD-T-01",
-    "J": "MN4-JOG-01",
+    "J": "MN4-JOG-01", "(": "MN4-CMD-M-01",
 }  # fmt: skip
 
 
@@ -198,12 +202,23 @@ class BoardTravelGuard:
         letter, numbers = text[:1].upper(), _numbers(text)
         act = _ACTS.get(letter)
         if act is not None:
-            after = replace(act(self, state, numbers), seen=None)
+            after = self._counted(state, replace(act(self, state, numbers), seen=None))
             is_cut = self._is_halting and after.motions > state.motions
             return after.cut_short() if is_cut else after
         if letter == "U":
             return self._program(state)
         return state if letter in "ENS/?[:&" else replace(state, seen=None)
+
+    def _may_read(self, switch: str, reading: str) -> bool:
+        """True if a board may follow this reading: as was detected, or as nobody has asked yet."""
+        return self.readings.guess(switch, reading) == reading
+
+    def _counted(self, before: BoardReach, after: BoardReach) -> BoardReach:
+        """The same where the counters may tell what is made up for backlash (MN4-AMB-58)."""
+        if after.slack == before.slack or not self._may_read("backlash_counts", "true"):
+            return after
+        counted = after.counting(before)
+        return after.joined(counted) if self._may_read("backlash_counts", "false") else counted
 
     def _modes(self, state: BoardReach) -> tuple[bool, ...]:
         return (False, True) if state.is_absolute is None else (state.is_absolute,)
@@ -227,7 +242,8 @@ class BoardTravelGuard:
         """M, and T: a displacement or a place for each axis."""
         if all(number in (None, 0) for number in numbers[:AXES]) and state.is_absolute is False:
             return state
-        return state.sent_to(self._targets(state, numbers), "M")
+        is_kept = self._may_read("quit_flushes_queue", "false")
+        return state.sent_to(self._targets(state, numbers), "M", is_kept=is_kept)
 
     def _thread(self, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
         return replace(self._move(state, numbers), begun_by="T")
@@ -236,7 +252,7 @@ class BoardTravelGuard:
         """A and +: the whole circle, whichever motors are the plane's."""
         values = [number or 0 for number in (*numbers, *[None] * 7)]
         centre_x, centre_y, end_x, end_y, _, traverse, _ = values[:7]
-        motors = _planes(state.plane)
+        motors = planes(state.plane)
         boxes = []
         for x, y, z in motors:
             box, tip = list(state.tip), list(state.tip)
@@ -264,7 +280,9 @@ class BoardTravelGuard:
             box[z] = join(box[z], tip[z])
             boxes.append((tuple(tip), tuple(box)))
         tips = joined_boxes(*(tip for tip, _ in boxes))
-        return state.sent_to(tips, "A", joined_boxes(*(box for _, box in boxes)))
+        passed = joined_boxes(*(box for _, box in boxes))
+        is_kept = self._may_read("quit_flushes_queue", "false")
+        return state.sent_to(tips, "A", passed, is_kept=is_kept)
 
     def _helix(self, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
         return replace(self._circle(state, numbers), begun_by="+")
@@ -315,13 +333,17 @@ class BoardTravelGuard:
         return replace(state, plane=plane)
 
     def _halt(self, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
-        """Q: at rest somewhere on the way, nothing queued; unless this board reads it else."""
-        if state.entry == "(" and self.readings.guess("quit_in_entry", "both") != "both":
-            return replace(state, entry="")
-        flushes = self.readings.guess("quit_flushes_queue", "true") == "true"
-        left = 0 if flushes else max(0, state.motions - 1)
-        halted = replace(state, entry="", motions=left, jogs_since_ns=None)
-        return halted if left else halted.cut_short()
+        """Q: at rest somewhere on the way, with nothing or all but one motion left; behind a ( this
+        may end the entry alone."""
+        is_entered = state.entry == "("
+        closed = replace(state, entry="", motions=state.motions - is_entered)
+        if is_entered and not self._may_read("quit_in_entry", "both"):
+            return closed
+        is_kept = self._may_read("quit_flushes_queue", "false")
+        left = max(0, closed.motions - 1) if is_kept else 0
+        halted = replace(closed, motions=left, jogs_since_ns=None).cut_short()
+        is_open = is_entered and self._may_read("quit_in_entry", "entry_only")
+        return closed.joined(halted) if is_open else halted
 
     def _jog(self, state: BoardReach, numbers: Sequence[int | None]) -> BoardReach:
         is_on = bool(numbers and numbers[0])
@@ -358,6 +380,7 @@ class BoardTravelGuard:
             elif name in JOGGING and (state.is_jogging or name in JOGGING[:1]):
                 since_ns = window[0] if state.jogs_since_ns is None else state.jogs_since_ns
                 turned = state.turned(range(AXES) if number is None else (number - 1,))
+                turned = self._counted(state, turned)
                 self.boards[board] = replace(
                     turned.grown(window[1]), jogs_since_ns=since_ns, motions=1, begun_by="J"
                 )
@@ -410,7 +433,10 @@ class BoardTravelGuard:
             if said == "data" and asked.command.upper() == "E":
                 self._learn(board, asked, packet)
             elif said == "data" and asked.command.upper() == "N":
-                self.boards[board] = _finished(self.boards[board], packet)
+                is_over = packet.fields == (0,) * AXES
+                self.boards[board] = (
+                    self.boards[board].finished() if is_over else self.boards[board]
+                )
 
     def _is_kept_out(self, asked: BoardPacket) -> bool:
         """True if MOVEPENDING says that nothing was done, whatever this board makes of moves that
@@ -440,7 +466,7 @@ class BoardTravelGuard:
         ]
         here = joined_boxes(*found) if found else state.reach
         has_arrived = state.motions == 1 and state.begun_by == "M" and here == state.tip
-        is_still = state.seen == counters or self.readings.guess("quit_decel", "false") != "true"
+        is_still = state.seen == counters or not self._may_read("quit_decel", "true")
         if (state.motions and not has_arrived) or not is_still:
             return replace(state, seen=counters)
         offsets = [
@@ -475,6 +501,13 @@ class BoardTravelGuard:
         state = self.boards.get(board)
         return None if state is None else state.place
 
+    def quits(self, board: int) -> int:
+        """How many Q bring a board to rest, whatever it makes of them; one at least."""
+        state, quits = self.boards.get(board, BoardReach()), 1
+        while (state := self._halt(state, ())).motions:
+            quits += 1
+        return quits
+
     # --- jogging ----------------------------------------------------------------------------------
 
     @property
@@ -507,21 +540,6 @@ def _numbers(text: str) -> list[int | None]:
     """The parameters as a careless board might read them; None: left out."""
     found = [NUMBER.search(part) for part in text[1:].split(",")]
     return [None if one is None else codec.number_in(one[0]) for one in found]
-
-
-def _finished(state: BoardReach, packet: BoardPacket) -> BoardReach:
-    """N with nothing left: a lone move, that nothing has ended or kept, is over (MN4-CMD-N-02)."""
-    is_alone = state.motions == 1 and state.begun_by == "M" and not (state.holds or state.entry)
-    if not is_alone or packet.fields != (0,) * AXES:
-        return state
-    return replace(state, reach=state.tip, motions=0)
-
-
-def _planes(plane: tuple[int, int, int] | None) -> Sequence[tuple[int, int, int]]:
-    """The planes that may be meant."""
-    if plane is not None:
-        return (plane,)
-    return [(x, y, z) for x in range(AXES) for y in range(AXES) for z in range(AXES) if x != y]
 
 
 def _line(state: BoardReach, text: str) -> BoardReach:
