@@ -44,8 +44,7 @@ def session_on_a_line(port: Any) -> Session:
 
 @pytest.mark.strength(seconds=10)
 def test_a_board_that_is_elsewhere_makes_no_line_noisy() -> None:
-    """All that sets id, rate and configuration is judged in one run, and nothing is left changed:
-    no silence at an id or a rate that the board has left, counts against it or the line."""
+    """No silence at an id or a rate that it has left counts; nothing is left changed."""
     run, told = judged(*ELSEWHERE)
     result = run.result
     assert {one.verdict for one in result.requirements} == {Verdict.PASS}
@@ -113,8 +112,7 @@ def test_a_board_of_a_high_id_is_judged_by_how_long_it_takes_without_its_slot() 
 
 @pytest.mark.strength(seconds=10)
 def test_a_board_of_a_high_id_conforms() -> None:
-    """Where what is asked holds a poll, its slot is waited for; what its neighbour would say is no
-    command because of its sum."""
+    """Its slot is waited for wherever what is asked holds a poll."""
     run, told = judged(
         "packets_in_a_row_are_answered_one_by_one", "a_gap_within_a_frame_does_not_break_it",
         "a_board_finds_the_next_frame", "in_motion_reads_are_answered_at_once",
