@@ -55,6 +55,7 @@ ANSWERS: Final = {
 MEANINGS: Final = {
     Omitted.REQUIRED: "required",
     Omitted.KEEP: "keeps its value",
+    Omitted.STAY: "keeps its value",
     Omitted.STILL: "none",
 }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from interfaces import PLAIN, judge_plainly
+from interfaces import PLAIN, judge_behind, judge_plainly
 from port_in_front import PortInFront
 
 from axistwin_conformance.base.errors import TargetError
@@ -17,6 +17,7 @@ from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.run import Engine
 
 SECOND = 1_000_000_000
+WEIGHT_S = 0.8
 TIDYING_S = 600  # putting back, with a unit that answers every other question wrongly
 
 
@@ -79,7 +80,9 @@ def test_a_unit_that_talks_unasked_makes_no_run_of_hours(every_ms: int) -> None:
 
     options = msc_options()
     plan = Engine(options).plan()
-    most = most_s(plan, options.settings.envelope, SECOND // 5) * HELD_UP * HELD_UP_BY_NOISE
+    most = (
+        most_s(plan, options.settings.envelope, SECOND // 5, WEIGHT_S) * HELD_UP * HELD_UP_BY_NOISE
+    )
     result = judge_plainly(options, before=talking)
     assert ports[0].virtual_time_ns / SECOND < most + TIDYING_S
     assert result.exit_status in (1, 4)
@@ -91,10 +94,24 @@ def test_what_a_run_may_take_follows_its_line_and_its_speed() -> None:
     options = msc_options()
     plan = Engine(options).plan()
     bench, crawl = Envelope(2000, 10_000), Envelope(2000, 500)
-    plain = most_s(plan, bench, 0)
+    plain = most_s(plan, bench, 0, WEIGHT_S)
     assert plain > 60
-    assert most_s(plan, bench, 60_000_000) - 60 == pytest.approx(2 * (plain - 60))
-    assert most_s(plan, crawl, 0) - 60 == pytest.approx(10 * (plain - 60))
+    assert most_s(plan, bench, 60_000_000, WEIGHT_S) - 60 == pytest.approx(2 * (plain - 60))
+    assert most_s(plan, crawl, 0, WEIGHT_S) - 60 == pytest.approx(10 * (plain - 60))
+
+
+@pytest.mark.strength(seconds=40)
+def test_a_board_that_may_go_far_is_done_within_what_is_foreseen() -> None:
+    """It has slow motions to show; how far they go changes little."""
+    options = make_options(
+        model="mn400", port=PLAIN.url, level="full", allow="motion", max_travel=200_000,
+        max_speed=100_000,
+    )  # fmt: skip
+    url = options.family.twin_url(options.model, options.address, options.neighbours)
+    run = judge_behind(PLAIN, options, url)
+    assert run.result.exit_status == 0, run.result.sentence
+    plan, bounds = Engine(options).plan(), options.settings.envelope
+    assert run.seconds < most_s(plan, bounds, 0, options.family.weight_s)
 
 
 def test_a_device_is_given_up_after_a_minute_of_nonsense_on_the_noisiest_line() -> None:

@@ -256,6 +256,8 @@ def test_a_text_is_read(text: str, wanted: tuple[int | None, ...]) -> None:
         ("L-2147483648,0,0,0", "long_min", "-2147483648", False),
         ("L2147000001,0,0,0", "long_max", "2147000000", True),
         ("L,5", "omitted_param", "error", True),
+        ("P1,3", "omitted_param", "error", False),
+        ("P1,3", "omitted_param", "zero", False),
         ("?5", "extra_params", "ignore", False),
         ("G40000,1,1,1,1", "g_widths", "32x5", False),
         ("G40000,1,1,1,1", "g_widths", "16x4_32", True),

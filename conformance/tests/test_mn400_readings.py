@@ -18,6 +18,21 @@ from axistwin_conformance.families.mn400.grammar import Refusal, read_command
 
 pytestmark = pytest.mark.strength
 
+TOGETHER: list[dict[str, str]] = [
+    {
+        "data_packet_trailer": "0500", "abs_mode_value": "0", "movepending_exempt": "K&Q",
+        "cc_unsupported": "busy", "readcount_after_abort": "zero", "arc_rate": "tangential",
+        "step_phase": "start", "backlash_speed": "start",
+    },
+    {
+        "error_start_policy": "never", "cc_margin_scope": "per_axis_equal",
+        "hold_after_release": "one_shot", "extra_params": "ignore", "omitted_param": "error",
+        "readcount_sign": "magnitude", "pause_decel": "false", "accel_scale": "0.5",
+        "queue_depth": "8",
+    },
+]  # fmt: skip
+"""Readings of which many are told by where the axes are at what time."""
+
 CHECKS = {one.name: one for one in Mn400().checks()}
 PROBES = {one.switch: one for one in Mn400().probes()}
 SOUND: list[tuple[str, dict[str, str]]] = [
@@ -63,6 +78,12 @@ JUDGED: list[tuple[str, dict[str, str]]] = [
     ("a_payload_may_be_as_long_as_the_longest_command", {"rx_payload_max": "966"}),
     ("a_payload_may_be_as_long_as_the_longest_command", {"error_start_policy": "always"}),
 ]
+# In which nothing is left to be told, where the reading is known.
+NOT_TOLD: list[tuple[str, dict[str, str]]] = [
+    ("a_running_contour_can_be_paused_and_quit", {"readcount_sign": "magnitude"}),
+    ("steps_left_of_an_arc_are_those_to_its_end", {"readcount_sign": "magnitude"}),
+    ("settings_are_served_and_refused_at_their_edges", {"omitted_param": "error"}),
+]
 MEASURED = [("queue_depth", "778"), ("cc_capacity", "700"), ("rx_payload_max", "966")]
 
 
@@ -83,6 +104,15 @@ def test_a_board_of_that_reading_is_judged(name: str, quirks: dict[str, str]) ->
     found = verdicts(CHECKS[name], quirks)
     assert found.keys() == {*CHECKS[name].requirements}
     assert {*found.values()} <= {"pass", "quirk"}
+
+
+@pytest.mark.parametrize(("name", "quirks"), NOT_TOLD)
+def test_nothing_is_told_of_a_board_that_does_what_its_reading_says(
+    name: str, quirks: dict[str, str]
+) -> None:
+    """Neither as a failure nor as what is merely unusual."""
+    found = {one.verdict.value for one in judged(CHECKS[name], twin(quirks), readings=quirks)}
+    assert found <= {"pass", "quirk", "not run"}
 
 
 def verdicts(check: Check, quirks: dict[str, str]) -> dict[str, str]:
@@ -173,3 +203,12 @@ def test_counters_are_loaded_where_the_axes_are_known_to_stand(name: str, query:
     run = judged_behind(PLAIN, name, model="mn400", level=None, query=query)
     assert (run.result.exit_status, run.result.problems) == (0, [])
     assert {one.verdict for one in run.result.requirements} <= {Verdict.PASS, Verdict.QUIRK}
+
+
+@pytest.mark.parametrize("quirks", TOGETHER)
+def test_a_board_of_many_other_readings_conforms_on_a_real_port(quirks: dict[str, str]) -> None:
+    """Whose clock began days ago; each reading is told."""
+    query = "".join(f"&quirk.{name}={quote(value)}" for name, value in quirks.items())
+    run = judged_behind(PLAIN, model="mn400", query=query, level="full", allow="motion")
+    assert run.result.exit_status == 0, (run.failed, run.result.sentence)
+    assert run.wrong_readings == quirks

@@ -93,6 +93,8 @@ def test_what_is_wrong_is_refused(line: str) -> None:
         ("L,9", "omitted_param", "error", None),
         ("F,5000", "omitted_param", "zero", None),
         ("M,9", "omitted_param", "error", (None, 9, None, None)),
+        ("P1,2", "omitted_param", "error", (1, 2, None)),
+        ("P1,2", "omitted_param", "zero", (1, 2, None)),
         ("?5", "extra_params", "ignore", ()),
         ("X2,9", "extra_params", "ignore", (2,)),
         ("E3", "measure_other", "plain", (3,)),

@@ -22,7 +22,7 @@ from axistwin_conformance.engine.plan import Plan
 WEIGHTS = (1.0, 6.0, 6.0, 6.0, 6.0, 8.0)
 assert len(WEIGHTS) == len(SAFETY_CLASSES)
 FULL_FACTOR = 2.0  # checks that only full runs do are the long ones
-MOST_S_AT_ALL, MOST_S_PER_WEIGHT, MOST_S_PER_PROBE = 60.0, 0.8, 2.0
+MOST_S_AT_ALL, MOST_S_PER_PROBE = 60.0, 2.0
 PLAIN_TRIP_NS = 30_000_000  # an exchange on a line on which nothing takes longer than that
 PLAIN_SPEED = 5000  # increments per second: that of the checks
 HELD_UP = 2  # times as long as that is no device's right
@@ -39,9 +39,10 @@ def _weight(check: Check) -> float:
     return WEIGHTS[check.danger] * (FULL_FACTOR if check.level == "full" else 1.0)
 
 
-def most_s(plan: Plan, envelope: Envelope, trip_ns: int) -> float:
-    """The most that the checks and probes of a plan take on a real line, in s."""
-    usual_s = MOST_S_PER_WEIGHT * sum(weigh(plan).values()) + MOST_S_PER_PROBE * len(plan.probes)
+def most_s(plan: Plan, envelope: Envelope, trip_ns: int, weight_s: float) -> float:
+    """The most that the checks and probes of a plan take on a real line, in s; `weight_s`: see
+    `Family`."""
+    usual_s = weight_s * sum(weigh(plan).values()) + MOST_S_PER_PROBE * len(plan.probes)
     slower = max(1.0, trip_ns / PLAIN_TRIP_NS)
     if envelope.is_guarded and plan.to_run:
         slower = max(slower, PLAIN_SPEED / max(1, envelope.max_speed))

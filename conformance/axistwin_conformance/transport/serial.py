@@ -140,12 +140,25 @@ class SerialTransport(Transport):
             self.lateness.note("sending", late_ns, is_device_free=True)
         return started_ns
 
-    def note_exchange(self, data: bytes, received: int, sent_ns: int) -> None:
-        """Remember an exchange that took longer than any did while the line was measured."""
+    def note_exchange(
+        self,
+        data: bytes,
+        received: int,
+        sent_ns: int,
+        *,
+        done_ns: int | None = None,
+        later_ns: int = 0,
+    ) -> None:
+        """Remember an exchange that took longer than any did while the line was measured.
+
+        `done_ns`: when the reply was there, None: now; `later_ns`: how much later than others this
+        one is due, by what is asked.
+        """
         if self.is_virtual or not received or not self.round_trip.samples:
             return
-        due_ns = self.round_trip.way_ns + (len(data) + received) * self.byte_ns
-        self.lateness.note(f"the reply to {data.hex(' ')}", self.now_ns - sent_ns - due_ns)
+        due_ns = self.round_trip.way_ns + (len(data) + received) * self.byte_ns + later_ns
+        taken_ns = (self.now_ns if done_ns is None else done_ns) - sent_ns
+        self.lateness.note(f"the reply to {data.hex(' ')}", taken_ns - due_ns)
 
     def exchange(
         self, data: bytes, size: int, timeout_s: float, is_cleared: bool = False

@@ -6,7 +6,7 @@ from typing import Any
 
 from axistwin.devices.mn400.commands import Interpreter
 from axistwin.devices.mn400.device import Mn400Board
-from axistwin.devices.mn400.link.packets import ReturnCode
+from axistwin.devices.mn400.link.packets import ADDRESS_BIT, ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request, _Frame
 from axistwin.devices.mn400.link.sender import Reply
@@ -49,6 +49,12 @@ def _sums(patch: MonkeyPatch, is_right: Any_) -> None:
 def no_sum_is_looked_at(patch: MonkeyPatch) -> None:
     """A packet is obeyed whatever its checksum is."""
     _sums(patch, lambda frame, given: True)
+
+
+@board_mutant("MN4-PKT-05")
+def no_sum_to_all_is_looked_at(patch: MonkeyPatch) -> None:
+    """A packet for all boards is obeyed whatever its checksum is."""
+    _sums(patch, lambda frame, given: frame.opening == ADDRESS_BIT)
 
 
 @board_mutant("MN4-PKT-05")

@@ -92,6 +92,16 @@ def capitals_only(patch: MonkeyPatch) -> None:
     around(patch, Interpreter, "obey", act)
 
 
+@board_mutant("MN4-PAR-01")
+def m_is_written_large(patch: MonkeyPatch) -> None:
+    """M alone of all commands is unknown in lower case."""
+
+    def act(go: Any_, one: Interpreter, now: int, payload: bytes, *rest: Any) -> Any:
+        return go(now, payload.replace(b"m", b"@", 1), *rest)
+
+    around(patch, Interpreter, "obey", act)
+
+
 @board_mutant("MN4-ERR-01")
 def digits_are_a_command(patch: MonkeyPatch) -> None:
     """A packet that begins with a digit is taken for L with no parameters."""
@@ -157,6 +167,36 @@ def what_is_right_is_taken_before_the_error(patch: MonkeyPatch) -> None:
             first = line.text.partition(b",")[0]
             if known.letter == "L" and first.lstrip(b"-").isdigit() and len(first) < 9:
                 one._mover.load(line.now, (int(first), None, None, None))
+            raise
+
+    around(patch, Interpreter, "_treat", act)
+
+
+@board_mutant("MN4-ERR-02")
+def the_first_backlash_is_taken_before_the_error(patch: MonkeyPatch) -> None:
+    """B150,-1,0,0 is refused, and sets 150 for the first axis."""
+
+    def act(go: Any_, one: Interpreter, line: Any, known: Any, how: Any) -> Any:
+        try:
+            return go()
+        except ParameterError:
+            if known.letter == "B":
+                go(line._replace(text=line.text.partition(b",")[0]), known, how)
+            raise
+
+    around(patch, Interpreter, "_treat", act)
+
+
+@board_mutant("MN4-ERR-02")
+def a_speed_out_of_range_is_the_greatest(patch: MonkeyPatch) -> None:
+    """V200000 is refused, and sets 100000."""
+
+    def act(go: Any_, one: Interpreter, line: Any, known: Any, how: Any) -> Any:
+        try:
+            return go()
+        except ParameterError:
+            if known.letter == "V":
+                go(line._replace(text=b"100000"), known, how)
             raise
 
     around(patch, Interpreter, "_treat", act)
@@ -332,3 +372,19 @@ def an_omitted_axis_goes_to_zero(patch: MonkeyPatch) -> None:
 def a_multiplex_is_not_kept(patch: MonkeyPatch) -> None:
     """X is answered and sets nothing."""
     settles(patch, "X", lambda after, before: replace(after, multiplex=before.multiplex))
+
+
+@board_mutant("MN4-CMD-F-01")
+def an_acceleration_has_sixteen_bits(patch: MonkeyPatch) -> None:
+    """F1000,5000,80000 ramps at 14464."""
+    settles(
+        patch, "F", lambda after, _: replace(after, acceleration=after.acceleration & 0xFFFF or 1)
+    )
+
+
+@board_mutant("MN4-CMD-B-01")
+def backlash_has_eight_bits(patch: MonkeyPatch) -> None:
+    """B300,0,0,0 takes up 44 steps."""
+    settles(
+        patch, "B", lambda after, _: replace(after, lash=tuple(one & 0xFF for one in after.lash))
+    )

@@ -9,6 +9,8 @@ Rules.
    caller waits out its receive time-out before he asks anything (MN4-PKT-15).
 3. Where bytes may get lost, what reads is sent again below the checks; what sets a value too, for
    it sets the same one.  What moves, stores or counts is not: that voids the attempt.
+4. Whether a board is at some id and rate is asked by `seek`: what comes of that, or does not, says
+   nothing of the line, and nothing of a board that is elsewhere.
 """
 
 from __future__ import annotations
@@ -161,11 +163,15 @@ class BoardClient:
 
     def limit_s(self, text: str) -> float:
         """How long to wait for the first byte of each packet of a reply."""
+        own_s = max(0, len(text) - LONGEST_TEXT) * self.target.byte_ns / 1e9  # it must be there
+        return self.session.reply_timeout_s + own_s + self.later_s(text)
+
+    def later_s(self, text: str) -> float:
+        """How much later than others a reply is due: it measures first, or waits for its slot."""
         mode = text[1:].replace(" ", "")  # some boards skip spaces (MN4-AMB-68)
         measure = MEASURES_S.get(codec.number_in(mode), 0.0) if mode.isdigit() else 0.0
         later_s = {"E": measure, "*": self.poll_slot_s() * (self.board - 1)}
-        own_s = max(0, len(text) - LONGEST_TEXT) * self.target.byte_ns / 1e9  # it must be there
-        return self.session.reply_timeout_s + own_s + later_s.get(text[:1].upper(), 0.0)
+        return later_s.get(text[:1].upper(), 0.0)
 
     def poll_slot_s(self) -> float:
         """How long a board waits with a poll's reply for each id below its own (MN4-DROP-03)."""
@@ -195,8 +201,24 @@ class BoardClient:
         is_own = packet is not None and packet.is_sound and packet.board == self.board
         if not is_own or packet is None:
             return exchange
-        self.target.note_exchange(raw, len(exchange.raw), exchange.asked_ns)
+        done_ns, later_ns = exchange.done_ns, round(self.later_s(packet.text) * 1e9)
+        self.target.note_exchange(
+            raw, len(exchange.raw), exchange.asked_ns, done_ns=done_ns, later_ns=later_ns
+        )
         return self._undisturbed(exchange, packet, timeout_s)
+
+    def seek(self, most: int | None = None) -> BoardExchange:
+        """Poll a board that need not be there, or must not be (rule 4), until it answers, or so
+        often in vain; `most`: None: as often as noise does not make a board silent."""
+        raw = self.request("*")
+        exchange = self._once(raw, None)
+        needed = 1 if self.target.is_lossless else self.session.run.quality.alike_needed
+        for _ in range(1, needed if most is None else most):
+            if self._is_good(exchange, "*"):
+                break
+            self.forget_frame()
+            exchange = self._once(raw, None)
+        return exchange
 
     def ask_all(self, text: str, limit_s: float) -> BoardExchange:
         """Send a request to all boards; what comes within so long (s), whosever it is."""

@@ -21,7 +21,9 @@ from axistwin_conformance.families.mn400.model.motions import Span
 
 DONE: Final = ("START", "DONE")
 DATA: Final = ("START", "data")
+PRESENT: Final = ("START", "PRESENT")
 AXES: Final = 4
+LONGEST_VALUE: Final = 60  # bytes of the longest packet that E draws
 FLAGS: Final = ("ShieldFlag", "FeedHold", "PauseFlag", "PauseState", "AbortFlag")
 
 
@@ -100,6 +102,11 @@ class BoardDriver:
         """What is left of the current move."""
         return self.numbers("N", AXES)
 
+    def counted(self, steps: Iterable[int]) -> tuple[int, ...]:
+        """Steps that are left, as this board counts them (MN4-AMB-39)."""
+        is_signed = self.reading("readcount_sign") == "signed"
+        return tuple(steps) if is_signed else tuple(map(abs, steps))
+
     def flags(self) -> Mapping[str, int]:
         """The five flags of : by their names."""
         return dict(zip(FLAGS, self.numbers(":", len(FLAGS)), strict=True))
@@ -118,7 +125,11 @@ class BoardDriver:
 
     def is_present(self) -> bool:
         """True if it answers a poll as it should."""
-        return self.ask("*").says("START", "PRESENT")
+        return self.ask("*").says(*PRESENT)
+
+    def is_found(self, most: int | None = None) -> bool:
+        """The same of a board that need not be there; see `BoardClient.seek`."""
+        return self.client.seek(most).says(*PRESENT)
 
     # --- judging what comes -----------------------------------------------------------------------
 

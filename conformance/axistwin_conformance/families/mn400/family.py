@@ -39,6 +39,7 @@ class Mn400(Family):
     rates = codec.RATES
     rig_controls = BOARD_CONTROLS
     options = OPTIONS
+    weight_s = 2.4
     impact: ClassVar = {
         "motion": "moves axes, switches outputs, changes modal settings",
         "rig": "inputs, pots, pulses and supply are worked; what they let move, moves",

@@ -46,7 +46,8 @@ class Omission(StrEnum):
     """What a parameter that is left out means."""
 
     REQUIRED = "PARA_ERROR"
-    KEEPS = "the current value"
+    KEEPS = "the current value, or what MN4-AMB-49 makes of it"
+    STAYS = "the current value"
     NOTHING = "no motion of that axis, or 0"
     DEFAULT = "the default"
 
@@ -164,7 +165,8 @@ COMMANDS: Final[Mapping[str, CommandRule]] = {
         CommandRule("D", "backlash directions", parameters=_each("m1 m2 m3 m4", -1, 1, _KEEPS)),
         CommandRule("~", "set the rate", ReplyForm.BAUD, _each("rate", 0, 4)),
         CommandRule(".", "enter the configuration"),
-        CommandRule("P", "plane", parameters=(*_each("x y", 1, 4), _one("z", 1, 4, _KEEPS))),
+        CommandRule("P", "plane", parameters=(
+            *_each("x y", 1, 4), _one("z", 1, 4, Omission.STAYS))),  # MN4-CMD-P-03
         CommandRule("X", "multiplex", parameters=_each("multiplex", 1, 4)),
         CommandRule("V", "speed", parameters=(
             ParameterRule("speed", -WIDE, GREATEST_RATE, is_wide=True),)),

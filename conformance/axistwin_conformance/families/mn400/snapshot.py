@@ -22,7 +22,7 @@ from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import QUIET_S, BoardExchange
-from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.motion.return_to_start import (
     HOME_SETS,
     locate,
@@ -87,7 +87,7 @@ def identify(session: Session) -> Identity:
             f" {_came(driver, exchange)}; try --baud with one of"
             f" {', '.join(map(str, codec.RATES))}, or another --address"
         )
-    if not exchange.says("START", "PRESENT"):
+    if not exchange.says(*PRESENT):
         raise TargetError(f"no MN400 answers so to a poll: {_came(driver, exchange)}")
     firmware = driver.ask("?").value
     told = "unknown" if firmware is None else firmware.value
@@ -106,10 +106,12 @@ def _came(driver: BoardDriver, exchange: BoardExchange) -> str:
 
 
 def sanity(session: Session) -> bool:
-    """A poll that is answered; again once the board has given up what it took for a frame."""
+    """A poll that is answered; again once the board has given up what it took for a frame.  Beyond
+    the first id a poll waits for its slot, and would tell a long way: there / is asked."""
     driver = BoardDriver(session)
+    text, codes = ("*", PRESENT) if driver.board == codec.IDS[0] else ("/", DATA)
     for _ in range(2):
-        if driver.is_present():
+        if driver.ask(text).says(*codes):
             return True
         driver.client.forget_frame()
     return bool(driver.ask("E").found)
@@ -136,7 +138,7 @@ def stop(session: Session) -> None:
     """
     opened = _opened.pop(session.transport, set())
     client = BoardDriver(session).client
-    if "Z" in opened and not client.ask("*").says("START", "PRESENT"):
+    if "Z" in opened and not client.ask("*").says(*PRESENT):
         leave_entry(client)
     came = b""
     for text in (*(["Q"] if opened else []), *(["Q"] if "(" in opened else [])):

@@ -42,7 +42,8 @@ class Omitted(Enum):
     """What an omitted parameter means."""
 
     REQUIRED = "it is an error"
-    KEEP = "the setting keeps its value"
+    KEEP = "the setting keeps its value, or does not (MN4-AMB-49)"
+    STAY = "the setting keeps its value (MN4-CMD-P-03)"
     STILL = "the axis does not move"
 
 
@@ -144,7 +145,7 @@ COMMANDS: Final[Mapping[str, BoardCommand]] = {
         BoardCommand("D", "SetBacklashDir", _four(_one_of(1, -1, omitted=Omitted.KEEP))),
         BoardCommand("~", "SetBaudRate", (_short(0, 4),)),
         BoardCommand(".", "SetConfig"),
-        BoardCommand("P", "SetCPlane", (_short(1, 4), _short(1, 4), _short(1, 4, Omitted.KEEP))),
+        BoardCommand("P", "SetCPlane", (_short(1, 4), _short(1, 4), _short(1, 4, Omitted.STAY))),
         BoardCommand("X", "SetMultiplex", (_one_of(1, 2, 4),)),
         BoardCommand("V", "SetSpeed", (replace(_SPEED, is_sync=True),)),
         BoardCommand("[", "ShieldStatus", is_data=True),
@@ -185,7 +186,7 @@ def commands(quirks: Mn400Quirks) -> dict[str, BoardCommand]:
     for letter in _OF_EACH_AXIS:
         found[letter] = replace(found[letter], parameters=found[letter].parameters[: quirks.axes])
     motor = _short(quirks.plane_base, quirks.plane_base + 3)
-    motors = (motor, motor, replace(motor, omitted=Omitted.KEEP))
+    motors = (motor, motor, replace(motor, omitted=Omitted.STAY))
     found["P"] = replace(found["P"], parameters=motors)
     return found
 
@@ -225,7 +226,7 @@ def _omitted(parameter: BoardParameter, quirks: Mn400Quirks) -> int | None:
     """The value of an omitted parameter, or None if that has a meaning of its own (rule 3)."""
     if isinstance(parameter.omitted, int):
         return parameter.omitted
-    if parameter.omitted is Omitted.STILL:
+    if parameter.omitted in (Omitted.STILL, Omitted.STAY):
         return None
     if parameter.omitted is Omitted.REQUIRED or quirks.omitted_param == "error":
         raise ParameterError

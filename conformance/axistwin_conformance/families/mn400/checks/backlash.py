@@ -13,6 +13,7 @@ from axistwin_conformance.families.mn400.motion.board_motion import MOTION, Boar
 ORDER = 160
 
 LASH: Final = 100  # steps: 0.2 s at the speed of these checks
+WIDE: Final = 300  # steps: more than a byte holds
 FEW: Final = 40
 SLOW: Final = 500
 RAMPED: Final = (200, 4000, 10_000)  # start, end, acceleration: at neither of these speeds for long
@@ -36,6 +37,7 @@ def a_turn_costs_the_steps_of_the_backlash(session: Session) -> None:
         ((ALL, "D1,-1,1,1"), ("M0,200", "M200,0")),
         ((f"B0,{LASH},0,0",), ("M-200,-100", "M200,100", "M-200")),
         ((f"B{LASH},30,0,0",), ("M-200,-200", "M100,200")),
+        ((f"B{WIDE},0,0,0",), ("M-100", "M100")),
     ):
         motion.ready(*texts, speed=SLOW)
         for text in moves:

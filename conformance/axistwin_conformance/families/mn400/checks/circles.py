@@ -204,7 +204,7 @@ def steps_left_of_an_arc_are_those_to_its_end(session: Session) -> None:
     motion.do("{", "MN4-ARC-09")
     here = motion.rest()
     left = motion.driver.steps_left()
-    net = (-800 - here[0], 0, -here[2], 0)
+    net = motion.driver.counted((-800 - here[0], 0, -here[2], 0))
     if motion.driver.reading("readcount_arc") == "net":
         motion.driver.tells(left == net, "MN4-ARC-09", str(net), left)
     else:
@@ -285,8 +285,7 @@ def a_helix_that_cannot_be_is_refused(session: Session) -> None:
         session.not_run("MN4-CMD-HEL-04", "this board refuses such a plane at once, or never")
         session.not_run("MN4-CMD-P-03", "this board refuses such a plane at once, or never")
         return
-    is_kept = driver.reading("omitted_param") == "keep"  # elsewhere z must be told (MN4-AMB-49)
-    crossed = motion.plane(1, 2) if is_kept else motion.plane(1, 2, 2)
+    crossed = motion.plane(1, 2)
     driver.draws(crossed, DONE, "MN4-CMD-P-03")
     exchange = driver.ask("+-10,0,-20,0,1,5,0")
     driver.tells(exchange.says(*refused), "MN4-CMD-HEL-04", " and ".join(refused), exchange)

@@ -9,7 +9,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.checks.stored import judge_listing
-from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.persistence.address_recovery import (
     RateChange,
     brought_back,
@@ -32,7 +32,6 @@ from axistwin_conformance.families.mn400.probes.stored import EVERYTHING
 ORDER = 270  # of this module in a run; see `Family.modules`
 
 NEW_IDS: Final = (5, 127, 64, 26)  # 127: address byte FFh
-PRESENT: Final = ("START", "PRESENT")
 FIXED: Final = "this board has one id for ever"
 SOCKET: Final = "a plain socket carries bytes, not a rate"
 CONFIGURED: Final = ("X1", "V2000", "B0,0,0,0")  # what power-on has anyway
@@ -72,7 +71,7 @@ def _judge_new_id(driver: BoardDriver, new: int) -> None:
     if driver.reading("retransmit_cmd") == "replaced":
         told, came = words.explain_reply(repeated), words.explain_reply(again.raw) or "nothing"
         session.expect(again.raw == repeated, "MN4-CMD-RTX-04", told, came)
-    driver.judge(driver.ask("*"), (), "MN4-CMD-ADDR-04")
+    driver.judge(driver.client.seek(), (), "MN4-CMD-ADDR-04")
     exchange = after.client.ask_all("*", after.slots_s())
     after.judge(exchange, PRESENT, ("MN4-CMD-ADDR-04", "MN4-DROP-01"))
     ids = [packet.board for packet in exchange.found]
@@ -105,7 +104,7 @@ def an_id_is_that_of_one_board(session: Session) -> None:
         session.step(exchange.codes == DONE, "START and DONE", exchange.observed)
         for board in (new, *session.neighbours):
             BoardDriver(session, board).draws("*", PRESENT, "MN4-DROP-08")
-        driver.judge(driver.ask("*"), (), "MN4-CMD-ADDR-04")
+        driver.judge(driver.client.seek(), (), "MN4-CMD-ADDR-04")
 
 
 # --- the rate -------------------------------------------------------------------------------------
@@ -142,7 +141,7 @@ def _judge_new_rate(driver: BoardDriver, number: int) -> None:
         driver.draws("&", wanted[-1:], names)
     driver.draws("*", PRESENT, "MN4-PHY-01")
     driver.target.baud = old
-    at_old = driver.ask("*")
+    at_old = driver.client.seek()
     driver.target.baud = codec.RATES[number]
     driver.client.forget_frame()
     told = f"no PRESENT at {old} baud, the rate before"

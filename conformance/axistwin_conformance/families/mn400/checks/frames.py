@@ -99,6 +99,18 @@ def an_order_with_a_wrong_checksum_has_no_effect(session: Session) -> None:
     session.expect(position == (1, 2, 3, 4), "MN4-ERR-02", "1, 2, 3, 4", position)
 
 
+@check("MN4-PKT-05", needs=("alone",))
+@restoring("L")
+def an_order_to_all_with_a_wrong_checksum_has_no_effect(session: Session) -> None:
+    """L to id 0 under a wrong sum leaves the counters as they are."""
+    driver = BoardDriver(session)
+    driver.command("L1,2,3,4")
+    driver.client.send(codec.with_wrong_checksum(codec.request(codec.ALL_BOARDS, "L9,9,9,9")))
+    driver.client.forget_frame()
+    position = driver.position()
+    session.expect(position == (1, 2, 3, 4), "MN4-PKT-05", "1, 2, 3, 4", position)
+
+
 @check("MN4-PKT-04", "MN4-PHY-03")
 @restoring("L")
 def a_checksum_may_look_like_anything(session: Session) -> None:
@@ -133,7 +145,7 @@ def packets_in_a_row_are_answered_one_by_one(session: Session) -> None:
     driver = BoardDriver(session)
     driver.target.drain()
     driver.client.send(driver.client.request("*") + driver.client.request("E"))
-    came = driver.client.listen(session.reply_timeout_s + driver.client.limit_s("E"))
+    came = driver.client.listen(driver.client.limit_s("*") + driver.client.limit_s("E"))
     found, strays = codec.packets(came)
     pairs = zip(found, codec.codes_of(found), strict=True)
     said = " ".join(f"{packet.command} {code}" for packet, code in pairs)
@@ -150,7 +162,7 @@ def a_gap_within_a_frame_does_not_break_it(session: Session) -> None:
     for index in range(len(raw) - 1):
         driver.client.send(raw[index : index + 1])
         driver.target.wait(GAP_S)
-    exchange = driver.client.ask_raw(raw[-1:])
+    exchange = driver.client.ask_raw(raw[-1:], driver.client.limit_s("*"))
     driver.tells(exchange.says(*PRESENT), "MN4-PKT-09", "START and PRESENT", exchange)
 
 
@@ -165,7 +177,7 @@ def a_board_finds_the_next_frame(session: Session) -> None:
         ("MN4-PKT-11", bytes([other]) + b"E1"),
         ("MN4-PKT-15", bytes([own])),
     ):
-        exchange = driver.client.ask_raw(begun + poll)
+        exchange = driver.client.ask_raw(begun + poll, driver.client.limit_s("*"))
         driver.tells(exchange.says(*PRESENT), name, "a poll's reply", exchange)
     driver.client.send(poll[:2])
     driver.client.forget_frame()

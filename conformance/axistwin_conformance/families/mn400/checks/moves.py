@@ -34,7 +34,15 @@ TIMES: Final = (
     ((1000, 5000, 10_000), 5000, 500), ((1000, 5000, 10_000), 3000, 800),
     ((1000, 5000, 10_000), 500, 500), ((1000, 5000, 10_000), 1000, 1000),
     ((200, 5000, 2000), 1500, 2000), ((1000, 4000, 4000), 3000, 2000),
+    ((1000, 5000, 80_000), 5000, 1600),
 )  # fmt: skip
+PLAIN, RAMPED = (5000, 5000, 10_000), (500, 5000, 1000)
+# What is refused, and a speed and a profile with which it would show.
+REFUSED: Final = (
+    ("V200000", 1000, PLAIN), ("B150,-1,0,0", 1000, PLAIN), ("F20,-1,1000", 2000, RAMPED),
+    ("F2000,1000,1000", 2000, RAMPED),
+)  # fmt: skip
+REFUSED_STEPS: Final = 400
 FAR_UP: Final = 2_147_483_640
 
 
@@ -75,15 +83,15 @@ def _judge_move(motion: BoardMotion, by: tuple[int, ...]) -> None:
     session.expect(not stood, "MN4-PAR-07", "what is left out at the end not moved", rows[-1])
 
 
-@check("MN4-PAR-06", "MN4-PAR-07", "MN4-PAR-10", "MN4-CMD-M-02", "MN4-CMD-I-01", "MN4-CMD-I-02",
-       "MN4-CMD-I-03", "MN4-CMD-L-02", safety=MOTION)  # fmt: skip
+@check("MN4-PAR-01", "MN4-PAR-06", "MN4-PAR-07", "MN4-PAR-10", "MN4-CMD-M-02", "MN4-CMD-I-01",
+       "MN4-CMD-I-02", "MN4-CMD-I-03", "MN4-CMD-L-02", safety=MOTION)  # fmt: skip
 def coordinates_are_those_of_the_mode(session: Session) -> None:
     """Relative sums and absolute places; an axis that is left out keeps its place in both; L moves
     the origin of absolute places."""
     motion = BoardMotion(BoardDriver(session))
     motion.ready("L30,-20,10,5")
     for text, requirement in (
-        ("M40,,-15", "MN4-PAR-06"), ("M5", "MN4-PAR-07"), ("M,25,", "MN4-PAR-10"),
+        ("M40,,-15", "MN4-PAR-06"), ("m5", ("MN4-PAR-07", "MN4-PAR-01")), ("M,25,", "MN4-PAR-10"),
         ("M10,10,10,10", "MN4-CMD-M-02"),
     ):  # fmt: skip
         motion.run(text, requirement)
@@ -120,6 +128,21 @@ def moves_take_the_time_of_their_profile(session: Session) -> None:
         ) else ["MN4-MOT-10"]  # fmt: skip
         for by in (steps, -steps):
             motion.run(f"M{by}", "MN4-CMD-V-01", names, "MN4-CMD-V-01", names, samples=8)
+
+
+@check("MN4-ERR-02", safety=MOTION)
+def what_is_refused_sets_nothing(session: Session) -> None:
+    """V and B out of range, and B and F of which only the beginning is right: moves there and back
+    are as before."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(REFUSED_STEPS, "these moves")
+    for text, speed, profile in REFUSED:
+        if motion.driver.refusal_of(text) is None:
+            continue
+        motion.ready(speed=speed, profile=profile)
+        motion.driver.draws(text, motion.driver.errors("PARA_ERROR"), "MN4-ERR-02")
+        for by in (REFUSED_STEPS, -REFUSED_STEPS):
+            motion.run(f"M{by}", "MN4-ERR-02", samples=4)
 
 
 @check("MN4-MOT-01", "MN4-MOT-04", "MN4-MOT-05", "MN4-CMD-M-01", safety=MOTION)

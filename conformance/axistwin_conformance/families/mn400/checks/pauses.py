@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from fractions import Fraction
 from typing import Final
 
@@ -62,15 +63,9 @@ def a_move_stands_where_it_is_paused(session: Session) -> None:
         _judge_halt(motion, motion.span(exchange), by)
         motion.model.accept("{", motion.span(exchange))
         here = motion.rest_paused()
-        left = driver.steps_left()
-        if driver.reading("readcount_sign") == "signed":
-            whole = tuple(one + other for one, other in zip(here, left, strict=True))
-        else:
-            whole = tuple(
-                one + other * (1 if at >= 0 else -1)
-                for one, other, at in zip(here, left, by, strict=True)
-            )
-        session.expect(whole == by, ("MN4-MEA-05", "MN4-CMD-N-01"), by, whole, "E and N together")
+        rest, left = driver.counted(map(operator.sub, by, here)), driver.steps_left()
+        names = ("MN4-MEA-05", "MN4-CMD-N-01")
+        session.expect(left == rest, names, rest, left, f"left of {by} at {here}")
         motion.stays("MN4-CMD-PAU-01")
         _judge_flags(motion, is_paused=True)
         motion.do("}", "MN4-CMD-PAU-02")
@@ -214,9 +209,7 @@ def _judge_left(motion: BoardMotion, by: tuple[int, ...]) -> None:
 def _judge_rest(motion: BoardMotion, here: tuple[int, ...], by: tuple[int, ...]) -> None:
     """Judge what is left of a move that was ended (MN4-AMB-39)."""
     driver = motion.driver
-    rest = tuple(wanted - one for wanted, one in zip(by, here, strict=True))
-    if driver.reading("readcount_sign") == "magnitude":
-        rest = tuple(map(abs, rest))
+    rest = driver.counted(map(operator.sub, by, here))
     if driver.reading("readcount_after_abort") == "zero":
         rest = (0,) * AXES
     left = driver.steps_left()

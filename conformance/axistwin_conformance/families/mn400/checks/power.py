@@ -9,9 +9,9 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
-from axistwin_conformance.families.mn400.checks.destructive import FIXED, PRESENT
+from axistwin_conformance.families.mn400.checks.destructive import FIXED
 from axistwin_conformance.families.mn400.checks.stored import judge_listing
-from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
+from axistwin_conformance.families.mn400.driver import AXES, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import BoardMotion
 from axistwin_conformance.families.mn400.persistence.address_recovery import (
     brought_back,

@@ -11,7 +11,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import BoardExchange
-from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import DATA, DONE, LONGEST_VALUE, BoardDriver
 from axistwin_conformance.families.mn400.persistence.programs import PROFILE, relative_mode
 from axistwin_conformance.families.mn400.snapshot import put_back
 
@@ -24,7 +24,6 @@ STEPS: Final = 60
 MOVE_S: Final = STEPS / SPEED
 SLACK_S: Final = 0.02  # within which boards that hear one K begin
 LONG: Final = -2_000_000_000  # a counter that takes as many characters as any
-LONGEST_VALUE: Final = 60  # bytes of the longest packet that E draws
 MEASURE_S: Final = 0.1  # what E1 takes
 TALKS: Final = 12  # exchanges with one board that the others hear
 
@@ -115,15 +114,16 @@ def what_another_board_says_is_none_of_its_business(session: Session) -> None:
     driver = BoardDriver(session)
     other = driver.board % 127 + 1
     for said in (
-        codec.status(other, "E", 3) + codec.data(other, "E", "1,2,3,4"),
-        codec.status(other, "V", 3) + codec.status(other, "V", 5),
-        codec.status(other, "*", 3) + codec.status(other, "*", 22),
-        codec.status(other, "W", 12),
+        (codec.status(other, "E", 3), codec.data(other, "E", "1,2,3,4")),
+        (codec.status(other, "V", 3), codec.status(other, "V", 5)),
+        (codec.status(other, "*", 3), codec.status(other, "*", 22)),
+        (codec.status(other, "W", 12),),
     ):
         driver.target.drain()
-        driver.client.send(said)
+        for packet in said:  # each by itself: a sum in the middle may look like a command
+            driver.client.send(packet)
         came = driver.client.strays_now()
-        told = f"to {words.explain_reply(said)}"
+        told = f"to {words.explain_reply(b''.join(said))}"
         shown = words.explain_reply(came) or "nothing"
         session.expect(not came, ("MN4-DROP-10", "MN4-PKT-06"), "nothing", shown, told)
         driver.draws("*", PRESENT, "MN4-DROP-10")

@@ -245,6 +245,7 @@ class MotionTimeline:
         self.place = place  # before all motions
         self.motions: list[ScheduledMotion] = []
         self.held: list[ScheduledMotion] = []  # paused, and what waits behind it
+        self.began = Fraction(0)  # when the first of them was accepted since all stood
 
     @property
     def end(self) -> Place:
@@ -265,7 +266,9 @@ class MotionTimeline:
             self.held.append(scheduled)
             return scheduled
         before = self.ends
-        if before is not None:
+        if before is None:
+            self.began = accepted[0]
+        else:
             accepted = max(accepted[0], before[0]), max(accepted[1], before[1])
         end = added(self.end, exactly(motion.displacements))
         scheduled = ScheduledMotion(motion, accepted, self.end, end)
@@ -313,7 +316,7 @@ class MotionTimeline:
 
     def resume(self, now: Span) -> None:
         """What was held goes on, one motion behind the other."""
-        held, self.held = self.held, []
+        held, self.held, self.began = self.held, [], now[0]
         for index, one in enumerate(held):
             motion = RestOfMotion(one.motion, one.base) if index == 0 else one.motion
             begins = now

@@ -58,7 +58,6 @@ class BoardMotion:
         self.driver, self.session = driver, driver.session
         self.target = driver.target
         self.model = BoardModel(driver.reading)
-        self._began_ns = 0
         self._mode = ""  # the I that was judged since `ready`
 
     # --- settings ---------------------------------------------------------------------------------
@@ -139,11 +138,12 @@ class BoardMotion:
         """The present, as a time in which something was done."""
         return (Fraction(self.target.now_ns, NS),) * 2
 
-    def widened(self, now: Span) -> Span:
-        """The same, wider by what a real board's clock may be off."""
+    def widened(self, now: Span, model: BoardModel | None = None) -> Span:
+        """The same, wider by what a real board's clock may be off since motion began; `model`: of
+        what was told to the board elsewhere."""
         if self.target.is_virtual:
             return now
-        began = Fraction(self._began_ns, NS)
+        began = (model or self.model).timeline.began
         off = max(Fraction(0), now[1] - began) * CLOCK_ERROR
         return now[0] - LAG_S - off, now[1] + off
 
@@ -157,8 +157,6 @@ class BoardMotion:
 
     def do(self, text: str, requirement: Requirements) -> BoardExchange:
         """Judge that a command is accepted, and take its effect over."""
-        if self.model.timeline.motions == []:
-            self._began_ns = self.target.now_ns
         exchange = self.driver.draws(text, DONE, requirement)
         self.model.accept(text, self.span(exchange))
         self._mode = text if text.startswith("I") else self._mode
@@ -287,7 +285,7 @@ class BoardMotion:
     def lasts(self) -> Span:
         """Look at the axes until they are at the end; the least and the most time (s) since the
         motion was asked for."""
-        began = last = Fraction(self._began_ns, NS)
+        began = last = self.model.timeline.began
         until = self.ends[1] + LATE_S + (self.ends[1] - began)
         while True:
             counters, now = self.read()
@@ -322,14 +320,15 @@ class BoardMotion:
         axis = moves.index(max(moves))
         at_ns = round((now[0] + now[1]) / 2 * NS)
         low, high = place[axis]
+        began_s = float(self.model.timeline.began)
         self.session.motions.sample(
-            f"motion of axis {axis + 1} at {self._began_ns / NS:.3f} s",
+            f"motion of axis {axis + 1} at {began_s:.3f} s",
             [(at_ns, counters[axis])],
             [(at_ns, low, high)],
         )
         for x, y in _planes([one.motion for one in motions[:1]]):
             self.session.motions.trace(
-                f"path of axes {x + 1} and {y + 1} at {self._began_ns / NS:.3f} s",
+                f"path of axes {x + 1} and {y + 1} at {began_s:.3f} s",
                 (f"axis {x + 1}", f"axis {y + 1}"),
                 (at_ns, counters[x], counters[y], *place[x], *place[y]),
             )

@@ -10,10 +10,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.client import BoardClient
 from axistwin_conformance.families.mn400.codec import BoardPacket
-from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.driver import PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.persistence.programs import leave_entry
 
 
@@ -56,7 +57,7 @@ def change_rate(driver: BoardDriver, number: int) -> RateChange:
 
 def is_there(driver: BoardDriver, board: int) -> bool:
     """True if a board of that id answers a poll."""
-    return BoardDriver(driver.session, board).is_present()
+    return BoardDriver(driver.session, board).is_found()
 
 
 @contextmanager
@@ -88,7 +89,8 @@ def _bring_back(driver: BoardDriver, ids: Sequence[int], baud: int) -> bool:
 def _find(driver: BoardDriver, ids: Sequence[int], baud: int) -> int | None:
     """The id at which the board answers, with our end of the line at its rate; None: nowhere."""
     rates = dict.fromkeys((driver.target.baud, baud, *codec.RATES))
-    for rate in rates if has_rate(driver) else (driver.target.baud,):
+    places = tuple(rates) if has_rate(driver) else (driver.target.baud,)
+    for rate in places * RETRY.recovery:
         if rate != driver.target.baud:
             driver.target.baud = rate
         driver.client.forget_frame()  # it may have taken what was said at another rate for one
@@ -102,12 +104,10 @@ def _found_here(driver: BoardDriver, ids: Sequence[int]) -> int | None:
     """The same at the present rate; a board that stores what it is sent is made to end that."""
     for board in ids:
         client = BoardClient(driver.session, board)
-        exchange = client.ask("*")
-        if exchange.says("START", "PRESENT"):
-            return board
-        if exchange.found and leave_entry(client):
+        exchange = client.seek(most=1)  # what is lost of it is made up for by the next round
+        if exchange.says(*PRESENT) or (exchange.is_sound and leave_entry(client)):
             return board
     if driver.session.neighbours:
         return None
     exchange = driver.client.ask_all("*", driver.poll_slot_s() * (codec.IDS[-1] + 1))
-    return exchange.found[0].board if exchange.found else None
+    return next((packet.board for packet in exchange.found if packet.is_sound), None)

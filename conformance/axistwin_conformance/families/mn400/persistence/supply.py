@@ -28,7 +28,7 @@ def power_cycle(driver: BoardDriver) -> None:
 def serves_again(driver: BoardDriver) -> bool:
     """Wait until the board answers after power-up; False if it does not within 10 s."""
     deadline_ns = driver.target.now_ns + round(START_S * 1e9)
-    while not driver.is_present():
+    while not driver.is_found(most=1):
         if driver.target.now_ns >= deadline_ns:
             return False
         driver.target.wait(POLL_S)

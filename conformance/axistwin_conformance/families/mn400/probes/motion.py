@@ -93,7 +93,8 @@ class RecordedMotion:
         for text, taken in self._said:
             model.accept(text, taken)
         return all(
-            inside(counters, model.where(self.motion.widened(now))) for counters, now in self._read
+            inside(counters, model.where(self.motion.widened(now, model)))
+            for counters, now in self._read
         )
 
 

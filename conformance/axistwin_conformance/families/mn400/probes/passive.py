@@ -12,7 +12,7 @@ from typing import Final
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import BoardExchange
-from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.driver import LONGEST_VALUE, BoardDriver
 from axistwin_conformance.families.mn400.snapshot import put_back
 
 ORDER = 10  # of this module in a run; see `Family.modules`
@@ -352,7 +352,7 @@ def rx_payload_max(driver: BoardDriver) -> Outcome:
 @probe(needs=("alone",))
 def broadcast_reply(driver: BoardDriver) -> Outcome:
     """S to id 0."""
-    limit_s = driver.poll_slot_s() * driver.board + driver.session.reply_timeout_s
+    limit_s = driver.slots_s(LONGEST_VALUE)
     exchange = driver.client.ask_raw(codec.request(codec.ALL_BOARDS, "S"), limit_s)
     if exchange.is_silence:
         return 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.driver import LONGEST_VALUE, BoardDriver
 
 ORDER = 20  # of this module in a run; see `Family.modules`
 
@@ -16,7 +16,7 @@ ROUNDED_MS: Final = 0.6  # by how far a slot measured may miss the one of the le
 @probe(needs=("neighbour",), switch="broadcast_reply")
 def broadcast_reply_of_several(driver: BoardDriver) -> Outcome:
     """S to all boards: whether each is heard, in its turn."""
-    exchange = driver.client.ask_all("S", driver.slots_s())
+    exchange = driver.client.ask_all("S", driver.slots_s(LONGEST_VALUE))
     if exchange.is_silence:
         return 2
     heard = {packet.board for packet in exchange.found if packet.code is None}
