@@ -9,6 +9,7 @@ from interfaces import PLAIN, judged_behind
 from mn400_twin import AlteredTwin, failures, judged, session_of
 
 from axistwin_conformance.base.check import Check
+from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.core.session import Stop
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.driver import BoardDriver
@@ -172,6 +173,36 @@ def test_a_measurement_asked_for_behind_a_space_is_waited_for() -> None:
     session = session_of(twin({"space_policy": "skip"}), readings={"space_policy": "skip"})
     driver = session.run.family.driver(session)
     assert driver.ask("E 2").codes == ("START", "data")
+
+
+@pytest.mark.parametrize(
+    ("switch", "reading"),
+    [("quit_decel", "true"), ("quit_in_entry", "entry_only"), ("quit_flushes_queue", "false"),
+     ("backlash_counts", "true")],
+)  # fmt: skip
+def test_a_board_of_another_reading_is_asked_on_a_port(switch: str, reading: str) -> None:
+    """Its probes tell it, no axis is called a runaway, and all are home behind them."""
+    run = judged_behind(
+        PLAIN, model="mn400", level=None, detects=True, query=f"&quirk.{switch}={reading}"
+    )
+    assert (run.result.exit_status, run.result.problems) == (0, [])
+    assert run.result.readings[switch] == reading
+    assert not [name for name, one in run.result.detections.items() if "away" in one.evidence]
+
+
+@pytest.mark.parametrize(
+    ("name", "query"),
+    [("in_motion_commands_wait_or_are_served_at_once", "&quirk.queue_modal=false"),
+     ("in_motion_commands_wait_or_are_served_at_once",
+      "&quirk.queue_modal=false&quirk.omitted_param=zero"),
+     ("in_a_contour_commands_wait_or_are_served_at_once", "&quirk.queue_modal=false"),
+     ("after_an_abort_every_command_is_served", "&quirk.quit_decel=true")],
+)  # fmt: skip
+def test_counters_are_loaded_where_the_axes_are_known_to_stand(name: str, query: str) -> None:
+    """All that the check is about is judged, and the axes are put back."""
+    run = judged_behind(PLAIN, name, model="mn400", level=None, query=query)
+    assert (run.result.exit_status, run.result.problems) == (0, [])
+    assert {one.verdict for one in run.result.requirements} <= {Verdict.PASS, Verdict.QUIRK}
 
 
 @pytest.mark.parametrize("quirks", TOGETHER)

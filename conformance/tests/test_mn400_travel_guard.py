@@ -470,3 +470,104 @@ def test_a_run_within_an_envelope_conforms_and_leaves_the_axes_where_they_were()
     assert min(port.lowest) >= -3000
     assert max(port.highest) <= 3000
     assert port.place == [0, 0, 0, 0]
+
+
+# --- readings that nobody has asked for yet -------------------------------------------------------
+
+
+def open_line(*switches: str) -> Line:
+    """The board of `line`, of which these readings are not known."""
+    line = Line(**{name: one for name, one in KNOWN.items() if name not in switches})
+    line.at(500)
+    for text in ("I0", "V2000", "F1000,5000,10000", "P1,3,2", "D1,1,1,1"):
+        line.say(text)
+    return line
+
+
+def runs_away(line: Line, *counters: int) -> bool:
+    """True if a board that was seen there twice is moved no more."""
+    for _ in range(2):
+        line.at(*counters)
+    return bool(line.travel_guard.runaway)
+
+
+@pytest.mark.parametrize(("switches", "is_known"), [((), False), (("quit_flushes_queue",), True)])
+def test_a_queue_that_may_be_kept_goes_on_behind_q(
+    switches: tuple[str, ...], is_known: bool
+) -> None:
+    """By its own way, from where Q has ended the motion before; a second Q ends it, too."""
+    line = open_line(*switches)
+    line.say("M300")
+    line.say("M-300,30")
+    assert line.refuses("M-750") is is_known, "the first may be ended at once, and the second"
+    assert line.travel_guard.quits(1) == 1 + is_known
+    line.say("Q")
+    assert runs_away(line, 500 + 20 - 300, 30) is not is_known
+    if is_known:
+        assert line.travel_guard.way_to_start(1) is None
+        line.say("Q")
+        line.at(500 - 250, 25)
+        assert line.travel_guard.way_to_start(1) == (-250, 25, 0, 0)
+
+
+def test_a_contour_is_ended_by_one_q() -> None:
+    """However many segments it has."""
+    line = open_line("quit_flushes_queue")
+    for text in ("(", "M50", "M-20,10", "M30", ")"):
+        line.say(text)
+    line.left(0, 0, 0, 0)
+    line.at(500 + 60, 10)
+    assert line.travel_guard.way_to_start(1) is None, "nothing left of a segment is not the end"
+    assert line.travel_guard.quits(1) == 1
+
+
+def test_a_quit_that_may_have_a_ramp_takes_two_looks() -> None:
+    """Both alike."""
+    line = open_line("quit_decel")
+    line.say("M900")
+    line.say("Q")
+    for counter in (600, 650):
+        line.at(counter)
+        assert line.travel_guard.way_to_start(1) is None
+    line.at(650)
+    assert line.travel_guard.way_to_start(1) == (150, 0, 0, 0)
+
+
+def test_a_quit_that_may_end_an_entry_alone_leaves_the_motion() -> None:
+    """Nothing is known before the next one."""
+    line = open_line("quit_in_entry")
+    for text in ("M900", "(", "Q"):
+        line.say(text)
+    assert not runs_away(line, 600)
+    assert not runs_away(line, 700)
+    assert line.travel_guard.way_to_start(1) is None
+    line.say("Q")
+    line.at(750)
+    assert line.travel_guard.way_to_start(1) == (250, 0, 0, 0)
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_backlash_that_may_be_counted_is_looked_for(counted: bool) -> None:
+    """The axis is where its counter says; how far it may go is known before."""
+    line = open_line("backlash_counts")
+    line.say("B50,0,0,0")
+    line.say("M-50")
+    end = -50 - 50 * counted
+    line.at(500 - 20)
+    assert not runs_away(line, 500 + end)
+    line.left(0, 0, 0, 0)
+    line.at(500 + end)
+    assert line.travel_guard.way_to_start(1) == (end, 0, 0, 0)
+    assert runs_away(line, 500 + end - 50)
+
+
+def test_backlash_that_is_counted_leaves_no_other_slack() -> None:
+    """What was made up for is on the way home already."""
+    line = open_line("backlash_counts")
+    line.travel_guard.readings["backlash_counts"] = "true"
+    line.say("B50,0,0,0")
+    assert line.refuses("M-960")
+    line.say("M-900")
+    line.at(500 - 950)
+    assert line.travel_guard.way_to_start(1) == (-950, 0, 0, 0)
+    assert not line.refuses("M-50")

@@ -44,12 +44,12 @@ def locate(session: Session, driver: BoardDriver) -> None:
 
 
 def _come_to_rest(session: Session, driver: BoardDriver) -> None:
-    guard = session.transport.travel_guard
-    is_guarded = isinstance(guard, BoardTravelGuard)
-    for _ in range(guard.quits(driver.board) if is_guarded else 1):
+    limiter = session.transport.travel_guard
+    guard = limiter if isinstance(limiter, BoardTravelGuard) else None
+    for _ in range(1 if guard is None else guard.quits(driver.board)):
         driver.ask("Q")
     wait_for_rest(driver) if driver.reading("quit_decel") == "true" else driver.position()
-    if is_guarded and guard.way_to_start(driver.board) is None:
+    if guard is not None and guard.way_to_start(driver.board) is None:
         wait_for_rest(driver)  # it may have a ramp all the same
     if session.run.readings.guess("move_abort_use", "") == "while_aborted":
         driver.ask("|")  # else no DONE comes until the next motion (MN4-AMB-51)
