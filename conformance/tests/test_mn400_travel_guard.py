@@ -522,7 +522,7 @@ def test_a_contour_is_ended_by_one_q() -> None:
 
 
 def test_a_quit_that_may_have_a_ramp_takes_two_looks() -> None:
-    """Both alike."""
+    """Both alike; one at the end of a move that was not cut short is enough."""
     line = open_line("quit_decel")
     line.say("M900")
     line.say("Q")
@@ -531,6 +531,9 @@ def test_a_quit_that_may_have_a_ramp_takes_two_looks() -> None:
         assert line.travel_guard.way_to_start(1) is None
     line.at(650)
     assert line.travel_guard.way_to_start(1) == (150, 0, 0, 0)
+    line.say("M-100")
+    line.at(550)
+    assert line.travel_guard.way_to_start(1) == (50, 0, 0, 0)
 
 
 def test_a_quit_that_may_end_an_entry_alone_leaves_the_motion() -> None:

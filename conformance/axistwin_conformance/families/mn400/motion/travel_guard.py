@@ -467,7 +467,7 @@ class BoardTravelGuard:
         here = joined_boxes(*found) if found else state.reach
         has_arrived = state.motions == 1 and state.begun_by == "M" and here == state.tip
         is_still = state.seen == counters or not self._may_read("quit_decel", "true")
-        if (state.motions and not has_arrived) or not is_still:
+        if not has_arrived and (state.motions or not is_still):
             return replace(state, seen=counters)
         offsets = [
             tuple((low - one, high - one) for (low, high), one in zip(box, counters, strict=True))
