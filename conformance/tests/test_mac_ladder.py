@@ -31,6 +31,7 @@ IDS = (
 )  # fmt: skip
 CUT_NS = 6_500_000_000
 GIVEN_UP = 4  # so often in vain a query is asked
+REPLY = b"\x06\x13\x1a"  # to a command that is accepted
 PIECE_S = 0.05  # of silence, after which a reply is over
 
 
@@ -107,6 +108,41 @@ class Deaf(PortInFront):
     def close(self) -> None:
         """Close."""
         self.port.close()
+
+
+class CutOff(Deaf):
+    """The built-in twin whose user ends the run in the midst of a query behind 13h; its answer is
+    heard behind the next request, and then the reply to that."""
+
+    def __init__(self, port: Any) -> None:
+        super().__init__(port, lambda data, now: False)
+        self._last, self._answer, self._heard = [b"", b""], b"", b""
+        self.is_cut = False
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+        return len(self._heard) or super().in_waiting
+
+    def write(self, data: bytes) -> int:
+        """Pass on."""
+        self._last = [self._last[1], data[6:8]]
+        written = super().write(data)
+        if self._answer:
+            self.timeout = 0.1
+            self._heard, self._answer = self._answer + super().read(len(REPLY)), b""
+        return written
+
+    def read(self, size: int = 1) -> bytes:
+        """What comes, or an interrupt."""
+        if self._last == [b"13", b"20"] and not self.is_cut:
+            self.is_cut = True
+            self._answer = super().read(codec.ANSWER_BYTES)
+            raise KeyboardInterrupt
+        if self._heard:
+            said, self._heard = self._heard[:size], self._heard[size:]
+            return said
+        return super().read(size)
 
 
 def judged(turn: Turn, *, is_lossless: bool, late_ns: int = 0, query: str = "") -> Result:
@@ -297,6 +333,20 @@ def test_a_module_that_falls_silent_on_its_way_back_fails() -> None:
     result = judged_over(lambda port: Deaf(port, is_lost), is_lossless=False)
     assert result.exit_status == 1, result.sentence
     assert failed(result) == {"MACS-REPLY-07"}
+
+
+def test_a_reply_to_what_an_interrupt_cut_off_is_not_unasked() -> None:
+    """It is taken for that to the stop, whose own comes behind it."""
+    ports: list[CutOff] = []
+
+    def make(port: Any) -> CutOff:
+        ports.append(CutOff(port))
+        return ports[-1]
+
+    result = judged_over(make, is_lossless=False)
+    assert ports[0].is_cut
+    assert failed(result) == set()
+    assert result.exit_status == 130, result.sentence
 
 
 def test_a_line_that_is_cut_for_a_while_fails_no_module() -> None:

@@ -243,11 +243,12 @@ class Crashing:
 
 @dataclass
 class Ended:
-    """How a process ended: its status, what it said, and what its last event was."""
+    """How a process ended: its status, what it said, what its last event was, and what failed."""
 
     status: int
     errors: str
     last: dict[str, Any]
+    failed: list[dict[str, Any]]
 
 
 def signalled(
@@ -267,7 +268,9 @@ def signalled(
         lines += process.stdout.readlines()
         errors = process.stderr.read()
         process.wait(60)
-    return Ended(process.returncode, errors, json.loads(lines[-1]))
+    told = [json.loads(line) for line in lines]
+    failed = [one for one in told if one.get("verdict") == "fail"]
+    return Ended(process.returncode, errors, told[-1], failed)
 
 
 @pytest.fixture
@@ -297,7 +300,7 @@ def test_a_signal_ends_a_run_on_a_port_safely(
     """SIGINT, SIGTERM, SIGHUP, also when impatient: at rest, put back, told, 130, no traceback."""
     before = {name: cell for name, cell in pty_twin.cells.items() if name != "position"}
     ended = signalled(pty_twin.port, number, moment, times)
-    assert ended.status == 130, ended.errors
+    assert ended.status == 130, (ended.errors, ended.failed)
     assert "Traceback" not in ended.errors
     assert ended.last["event"] == "run_finished"
     assert ended.last["sentence"].startswith("Interrupted")

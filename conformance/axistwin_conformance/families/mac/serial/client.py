@@ -146,7 +146,7 @@ class SerialClient(AxisClient):
     def _is_surely_unasked(self, surplus: bytes) -> bool:
         """The same where bytes get lost or come late: no noise makes a whole reply, and what the
         way has held up comes before what was said later, so before the last replies."""
-        if codec.parse(surplus).kind not in REPLIED:
+        if self.session.run.is_left or codec.parse(surplus).kind not in REPLIED:
             return False
         transcript = self.target.transcript
         lately = transcript.since(transcript.position - LATELY)
