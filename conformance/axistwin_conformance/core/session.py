@@ -156,7 +156,6 @@ class Run:
     emit: Listener = lambda event: None  # who is told of what cannot wait for a check's end
     shrunk: set[str] = field(default_factory=set)  # requirements of which a short failure is known
     unshrunk: str = ""  # why what fails is not shrunk here; empty: it is
-    is_left: bool = False  # on the way out: an exchange may be cut off, and its reply still come
     is_interrupted: bool = False  # a check has told what it knew first: now the run is to end
     settings: Any = None  # what the family's options have been set to, beside the envelope
     replied_at: int = -1  # where the transcript was when a device had said all it was asked for

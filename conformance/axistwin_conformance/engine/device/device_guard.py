@@ -162,7 +162,7 @@ class DeviceGuard:
         """Stop and put back on the way out, whichever it is, once anything but passive has run."""
         if run.memory is None or run.target.crash:
             return
-        tidying, run.is_left = self.options.family.impact.get("end", "put back what it held"), True
+        tidying = self.options.family.impact.get("end", "put back what it held")
         try:
             self.restore(run, is_leaving=True)
             for sentence in self.options.family.unsure(Session(run), run.memory):

@@ -37,7 +37,6 @@ OTHER_DIGITS: Final = {0x21: 2, 0x23: 2}  # MACS-AMB-03, -04
 MOST_GARBAGE: Final = 2 * codec.ANSWER_BYTES  # who says more, babbles
 GLANCE_BYTES: Final = codec.REQUEST_BYTES + 12  # a query, and the reply as far as its data
 REPLIED: Final = frozenset({ReplyKind.ANSWER, ReplyKind.ACCEPTED, ReplyKind.REFUSED})
-LATELY: Final = 16  # records: the last few exchanges
 
 
 def _is_general(data: bytes) -> bool:
@@ -132,25 +131,17 @@ class SerialClient(AxisClient):
 
     def _judge_unasked(self) -> None:
         """Set aside what has come since the last reply.  Where that was whole, to a frame that one
-        module alone replies to, and nothing gets lost, nobody had asked for it (MACS-REPLY-12)."""
+        module alone replies to, and nothing gets lost, nobody had asked for it (MACS-REPLY-12).
+
+        Elsewhere it may be the reply to something else: to what was cut off, or came late or twice.
+        """
         run, surplus = self.session.run, self.target.drain()
-        if not surplus or run.replied_at < 0:
+        if not surplus or not self.target.is_lossless or run.replied_at < 0:
             return
         since = self.target.transcript.since(run.replied_at)
-        if any(record.direction is Direction.HOST for record in since):
-            return
-        if self.target.is_lossless or self._is_surely_unasked(surplus):
+        if not any(record.direction is Direction.HOST for record in since):
             came = surplus.hex(" ").upper()
             run.violations.append(("MACS-REPLY-12", "nothing until it is asked", came))
-
-    def _is_surely_unasked(self, surplus: bytes) -> bool:
-        """The same where bytes get lost or come late: no noise makes a whole reply, and what the
-        way has held up comes before what was said later, so before the last replies."""
-        if self.session.run.is_left or codec.parse(surplus).kind not in REPLIED:
-            return False
-        transcript = self.target.transcript
-        lately = transcript.since(transcript.position - LATELY)
-        return not any(record.direction is Direction.SILENCE for record in lately)
 
     def _note_whole(self, data: bytes, reply: SerialReply) -> None:
         """Take note that this module, and none beside it, has said all that it was asked for."""
