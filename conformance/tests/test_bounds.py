@@ -111,7 +111,8 @@ def test_a_board_that_may_go_far_is_done_within_what_is_foreseen() -> None:
     run = judge_behind(PLAIN, options, url)
     assert run.result.exit_status == 0, run.result.sentence
     plan, bounds = Engine(options).plan(), options.settings.envelope
-    assert run.seconds < most_s(plan, bounds, 0, options.family.weight_s)
+    weight_s = options.family.models[options.model].weight_s
+    assert run.seconds < most_s(plan, bounds, 0, weight_s)
 
 
 def test_a_device_is_given_up_after_a_minute_of_nonsense_on_the_noisiest_line() -> None:

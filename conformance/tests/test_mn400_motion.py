@@ -92,6 +92,7 @@ WRONG: dict[str, tuple[Make, str]] = {
     "the_slowest_and_the_fastest_rate_are_kept": (hears(("V2", "V3")), "MN4-MOT-02"),
     "a_move_keeps_the_settings_of_its_time": (hears(("I1", "|")), "MN4-CMD-I-04"),
     "what_is_refused_moves_nothing": (lambda: AlteredTwin(ignores_sums=True), "MN4-PKT-05"),
+    "what_is_refused_sets_nothing": (hears(("V200000", "V2000")), "MN4-ERR-02"),
     "a_positive_speed_ends_external_sync": (hears(("V2000", "V1900")), "MN4-SYN-02"),
     "arcs_run_on_their_circle": (hears(("A400,0,400,400,1", "A400,0,400,400,-1")), "MN4-ARC-01"),
     "a_clockwise_half_circle_goes_below": (

@@ -54,7 +54,6 @@ class Family(ABC):
     `tried_needs`: those needs of checks that `unusable` tries before a check relies on them.
     `glossary`: what abbreviations of the manual stand for, in the words of a failure.
     `operation_bytes`: of one recorded operation; 0: nothing of it is recorded.
-    `weight_s`: the most seconds that a check of weight 1 takes of a sound device on a plain line.
     """
 
     name: str
@@ -71,7 +70,6 @@ class Family(ABC):
     glossary: ClassVar[Mapping[str, str]] = {}
     _replay_module: str = ""
     operation_bytes: int = 0
-    weight_s: float = 0.8
 
     # --- the way to a device ---------------------------------------------------------------------
 

@@ -41,7 +41,7 @@ def _weight(check: Check) -> float:
 
 def most_s(plan: Plan, envelope: Envelope, trip_ns: int, weight_s: float) -> float:
     """The most that the checks and probes of a plan take on a real line, in s; `weight_s`: see
-    `Family`."""
+    `Model`."""
     usual_s = weight_s * sum(weigh(plan).values()) + MOST_S_PER_PROBE * len(plan.probes)
     slower = max(1.0, trip_ns / PLAIN_TRIP_NS)
     if envelope.is_guarded and plan.to_run:

@@ -288,7 +288,8 @@ class Engine:
         if self.options.rig.kind in ("prompt", "command"):
             return
         bounds = self.options.settings.envelope
-        most = most_s(self._result.plan, bounds, trip_ns, self.family.weight_s)
+        weight_s = self.family.models[self.options.model].weight_s
+        most = most_s(self._result.plan, bounds, trip_ns, weight_s)
         most += self.options.duration_s or 0
         self._guard.begun_ns, self._guard.most_s = target.now_ns, most
 

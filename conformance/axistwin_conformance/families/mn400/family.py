@@ -22,7 +22,9 @@ from axistwin_conformance.families.mn400.usb.usb_family import Mn400Usb
 from axistwin_conformance.transport.kinds import HID
 from axistwin_conformance.transport.serial import SerialTransport, open_target
 
-MODEL: Final = Model("mn400", "MN400 4-axis motion controller", over={HID: Mn400Usb()})
+MODEL: Final = Model(
+    "mn400", "MN400 4-axis motion controller", over={HID: Mn400Usb()}, weight_s=2.4
+)
 DONE: Final = frozenset({codec.ReturnCode.START, codec.ReturnCode.DONE, codec.ReturnCode.PRESENT})
 REFUSALS: Final = codec.CODES - DONE
 QUERIES: Final = (ReplyForm.DATA, ReplyForm.LISTING, ReplyForm.PRESENT, ReplyForm.REPEATED)
@@ -39,7 +41,6 @@ class Mn400(Family):
     rates = codec.RATES
     rig_controls = BOARD_CONTROLS
     options = OPTIONS
-    weight_s = 2.4
     impact: ClassVar = {
         "motion": "moves axes, switches outputs, changes modal settings",
         "rig": "inputs, pots, pulses and supply are worked; what they let move, moves",
