@@ -126,7 +126,7 @@ def test_each_flaw_of_an_answer_is_named(offset: int, byte: int, flaw: str) -> N
     assert flaw in str(reply)
 
 
-def test_no_byte_spoilt_lost_or_added_leaves_a_sum_right() -> None:
+def test_no_byte_corrupted_lost_or_added_leaves_a_sum_right() -> None:
     """Garbage with the right sum is none of the line's; that of a number with a sign is right."""
     summed = b"002-3FFFFFF"
     signed = codec.ANSWER_START + b"011" + summed + b"%02X" % codec.checksum(summed) + b"\x03\x1a"

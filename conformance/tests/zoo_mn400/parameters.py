@@ -172,34 +172,30 @@ def what_is_right_is_taken_before_the_error(patch: MonkeyPatch) -> None:
     around(patch, Interpreter, "_treat", act)
 
 
-@board_mutant("MN4-ERR-02")
-def the_first_backlash_is_taken_before_the_error(patch: MonkeyPatch) -> None:
-    """B150,-1,0,0 is refused, and sets 150 for the first axis."""
+def _obeyed_all_the_same(patch: MonkeyPatch, letter: str, change: Any_) -> None:
+    """Let a command that is refused be obeyed with `change(text)` for what follows its letter."""
 
     def act(go: Any_, one: Interpreter, line: Any, known: Any, how: Any) -> Any:
         try:
             return go()
         except ParameterError:
-            if known.letter == "B":
-                go(line._replace(text=line.text.partition(b",")[0]), known, how)
+            if known.letter == letter:
+                go(line._replace(text=change(line.text)), known, how)
             raise
 
     around(patch, Interpreter, "_treat", act)
+
+
+@board_mutant("MN4-ERR-02")
+def the_first_backlash_is_taken_before_the_error(patch: MonkeyPatch) -> None:
+    """B150,-1,0,0 is refused, and sets 150 for the first axis."""
+    _obeyed_all_the_same(patch, "B", lambda text: text.partition(b",")[0])
 
 
 @board_mutant("MN4-ERR-02")
 def a_speed_out_of_range_is_the_greatest(patch: MonkeyPatch) -> None:
     """V200000 is refused, and sets 100000."""
-
-    def act(go: Any_, one: Interpreter, line: Any, known: Any, how: Any) -> Any:
-        try:
-            return go()
-        except ParameterError:
-            if known.letter == "V":
-                go(line._replace(text=b"100000"), known, how)
-            raise
-
-    around(patch, Interpreter, "_treat", act)
+    _obeyed_all_the_same(patch, "V", lambda text: b"100000")
 
 
 def _wider(letter: str, index: int | None, requirement: str, text: str, **changes: Any) -> Any:

@@ -192,7 +192,7 @@ def missing_bytes(received: bytes) -> int:
 
 def is_summed(received: bytes) -> bool:
     """Whether it is framed as an answer, and the sum is that of what it holds, whatever that is:
-    whoever sent it meant it.  No byte spoilt, lost or added on the way leaves the sum right, but
+    whoever sent it meant it.  No byte corrupted, lost or added on the way leaves the sum right, but
     for zeros, which a glitch adds."""
     summed, told, final = received[6:-4], received[-4:-2], received[-2:]
     is_begun = received.startswith(ANSWER_START) and received[3:6] in ANSWER_LENGTH_FIELDS

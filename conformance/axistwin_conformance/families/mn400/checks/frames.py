@@ -11,7 +11,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.client import BoardExchange
-from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import DATA, DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.snapshot import restoring
 
 ORDER = 10  # of this module in a run; see `Family.modules`
@@ -20,7 +20,6 @@ LOADED_SUMS: Final = (0x00, 0x03, 0x04, 0x0D, 0x11, 0x13, 0x26, 0x2A, 0x2C, 0x51
 READS: Final = ("E", "N", "S", "/", "?", "[", ":")
 PLAIN_ORDERS: Final = ("V2000", "X1", "Q", "|")
 GAP_S: Final = 0.005
-PRESENT: Final = ("START", "PRESENT")
 
 
 @check("MN4-PKT-02", "MN4-PKT-03", "MN4-PKT-07", "MN4-RSP-11", "MN4-RSP-01", "MN4-RSP-02",

@@ -18,7 +18,7 @@ from axistwin_conformance.families.mn400.boundaries import (
     SPELLINGS,
     edges,
 )
-from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.grammar import OPEN_REFUSALS, UNASSIGNED, Refusal
 from axistwin_conformance.families.mn400.safety import danger
 from axistwin_conformance.families.mn400.snapshot import restoring
@@ -49,7 +49,7 @@ def unknown_commands_are_refused(session: Session) -> None:
         for text in (letter, f"{letter}1,2"):
             exchange = driver.draws(text, codes, ("MN4-ERR-01", "MN4-ERR-03"))
             _judge_form(driver, exchange.found)
-        driver.draws("*", ("START", "PRESENT"), "MN4-ERR-05")
+        driver.draws("*", PRESENT, "MN4-ERR-05")
 
 
 def _judge_form(driver: BoardDriver, found: Iterable[codec.BoardPacket]) -> None:
@@ -222,7 +222,7 @@ def no_address_and_no_rate_beyond_those_there_are(session: Session) -> None:
     ):
         for text in texts:
             driver.draws(text, codes, name)
-            driver.draws("*", ("START", "PRESENT"), name)
+            driver.draws("*", PRESENT, name)
     rate = codec.RATES.index(driver.target.baud)
     more = ("DONE",) if driver.reading("baud_reply") == "plus_done" else ()
     driver.draws(f"~{rate}", ("START", "BAUDCHANGEOK", *more), "MN4-CMD-BAUD-04")
@@ -242,4 +242,4 @@ def a_payload_may_be_as_long_as_the_longest_command(session: Session) -> None:
     exchange = driver.ask("L" + "1" * max(200, int(driver.reading("rx_payload_max"))))
     codes = driver.errors("SLAVEBUFFOV", is_recognised=False)
     driver.tells(exchange.says(*codes), "MN4-PKT-14", " and ".join(codes), exchange)
-    driver.draws("*", ("START", "PRESENT"), "MN4-ERR-03")
+    driver.draws("*", PRESENT, "MN4-ERR-03")

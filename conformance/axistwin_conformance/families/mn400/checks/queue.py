@@ -8,7 +8,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.client import REPLY_LIMIT_S, BoardExchange
-from axistwin_conformance.families.mn400.driver import DATA, DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import DATA, DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
 ORDER = 120  # of this module in a run; see `Family.modules`
@@ -20,7 +20,6 @@ MOST_TAKEN: Final = 1024  # commands; where a queue or a contour ends that takes
 TURNED_AFTER: Final = 50  # commands of a queue: what goes on from 32, 64 or 256 on is seen
 NO_END: Final = "{taken} commands are queued, and no end of it"
 QUEUE_S: Final = 40  # of a move behind which the queue is filled: about so many at 9600 baud
-PRESENT: Final = ("START", "PRESENT")
 
 
 def slow_board(

@@ -12,7 +12,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.persistence.programs import (
     PROFILE,
     end_program,
@@ -54,7 +54,7 @@ def a_program_is_kept_and_not_carried_out(session: Session) -> None:
             names = ("MN4-STM-04", *(("MN4-CMD-Q-04",) if line in ("Q", "*") else ()))
             driver.draws(line, DONE, names)
         driver.judge(end_program(driver), DONE, "MN4-NVM-01")
-    driver.draws("*", ("START", "PRESENT"), "MN4-NVM-01")
+    driver.draws("*", PRESENT, "MN4-NVM-01")
     position = driver.position()
     session.expect(position == (1, 2, 3, 4), "MN4-NVM-01", "1, 2, 3, 4", position)
     judge_listing(driver, LINES, ("MN4-NVM-02", "MN4-STM-04"))

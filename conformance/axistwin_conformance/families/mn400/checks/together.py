@@ -11,14 +11,19 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import BoardExchange
-from axistwin_conformance.families.mn400.driver import DATA, DONE, LONGEST_VALUE, BoardDriver
+from axistwin_conformance.families.mn400.driver import (
+    DATA,
+    DONE,
+    LONGEST_VALUE,
+    PRESENT,
+    BoardDriver,
+)
 from axistwin_conformance.families.mn400.persistence.programs import PROFILE, relative_mode
 from axistwin_conformance.families.mn400.snapshot import put_back
 
 ORDER = 190  # of this module in a run; see `Family.modules`
 
 SEVERAL: Final = ("neighbour",)
-PRESENT: Final = ("START", "PRESENT")
 SPEED: Final = 200  # steps/s, below the start speed: no ramps
 STEPS: Final = 60
 MOVE_S: Final = STEPS / SPEED

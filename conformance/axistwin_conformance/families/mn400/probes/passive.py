@@ -24,7 +24,6 @@ LONGEST_S: Final = 10.0  # a time-out that has not run out by then counts as non
 COARSE_MS: Final = 50  # a time measured on a real line is told in steps of so many
 SHORT_PAYLOAD, LONG_PAYLOAD = 69, 400  # characters: the longest legal one; more than most take
 MOST_PAYLOAD: Final = 10_000  # characters; a buffer that takes more is not measured
-PRESENT: Final = ("START", "PRESENT")
 
 
 def is_served(exchange: BoardExchange) -> bool:

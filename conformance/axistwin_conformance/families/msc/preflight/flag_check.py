@@ -46,7 +46,7 @@ def try_flags(session: Session) -> str | Violation:
     driven = trial.driven(list(flags))
     if not driven:
         return trial.meddling(dict.fromkeys((flags[0], flags[-1])))
-    if trial.along(driven[0]) or trial.astray(driven[0]):
+    if trial.along(driven[0]) or trial.instead(driven[0]):
         return ""
     if lost := trial.lost(driven):
         return lost
@@ -170,18 +170,18 @@ class _FlagCheck:
                 taken += 1
         return along if taken > SWITCHINGS // 2 else set()
 
-    def astray(self, number: int) -> set[int]:
+    def instead(self, number: int) -> set[int]:
         """The other named flags that go with each SFLAG of this one, or with each CFLAG, if they
         were told the opposite before: one of the two may reach the right flag."""
         beside = (self._beside(number) & {*scratch_of(self._session).flags}) - {number}
         for on in (True, False):
-            astray = set(beside)
+            going = set(beside)
             for _ in range(ROUNDS):
                 _, before = self._turned(sorted(beside), on=not on)
                 _, after = self._turned([number], on=on, looked_at=beside)
-                astray = {one for one in astray if (one in before, one in after) == (not on, on)}
-            if astray:
-                return astray
+                going = {one for one in going if (one in before, one in after) == (not on, on)}
+            if going:
+                return going
         return set()
 
     def _beside(self, number: int) -> set[int]:
