@@ -30,14 +30,15 @@ class Line:
     def __init__(self, **readings: str) -> None:
         self.travel_guard = AxisTravelGuard(LineReader(), 2000, 10_000, 0, Readings(readings))
         self.now_ns = 0
+        self.reply_ns = SECOND // 100
 
     def say(
         self, index: int, parameter: int = 0, reply: bytes = ACCEPTED, address: int = 0
     ) -> None:
-        """Send a frame; the reply comes 10 ms later."""
+        """Send a frame; the reply comes 10 ms later, or `reply_ns`."""
         frame = codec.request(address, index, parameter).encode()
         self.travel_guard.sending(frame, self.now_ns)
-        self.now_ns += SECOND // 100
+        self.now_ns += self.reply_ns
         if reply:
             self.travel_guard.received(reply, self.now_ns)
 
@@ -399,6 +400,27 @@ def test_an_axis_whose_counter_stands_still_is_not_moved_again(line: Line) -> No
         line.at(500)
     assert line.travel_guard.runaway.startswith("3 motions in a row have not changed its counter")
     assert line.would_refuse(0x13, 600)
+
+
+def test_motions_that_stops_may_bar_need_not_show(line: Line) -> None:
+    """None of them, while stops are switched on: a stop may bar both directions (MACS-AMB-48)."""
+    line.say(0x03, 8)
+    for target in (700, 300, 700, 300, 700):
+        line.say(0x13, target)
+        line.now_ns += SECOND
+        line.say(0x18)
+        line.at(500)
+    assert not line.travel_guard.runaway
+
+
+def test_on_a_slow_line_a_motion_that_was_ended_at_once_need_not_show(line: Line) -> None:
+    """A command may have been obeyed long before its reply is here."""
+    line.reply_ns = SECOND // 2
+    for target in (700, 300, 700, 300, 700):
+        line.say(0x13, target)
+        line.say(0x18)
+        line.at(500)
+    assert not line.travel_guard.runaway
 
 
 def test_what_others_are_told_an_axis_need_not_show(line: Line) -> None:

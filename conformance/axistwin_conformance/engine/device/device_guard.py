@@ -303,6 +303,8 @@ class DeviceGuard:
         self._seen_violations.add(guard.runaway)
         self.passive_only = guard.runaway
         self.trouble(guard.runaway)
+        if run.target.too_slow:  # for the readings, of which one may explain it
+            return
         (requirement,) = self.ledger.own((guard.broken,))
         violation = Violation(requirement, "an axis that goes where it is told", guard.runaway)
         self._record(Session(run), "travel", ACTS["travel"], violation)

@@ -19,6 +19,7 @@ SLOWEST_LEVEL_TICKS: Final = RAMP_LEVELS * SLOWEST_TICKS  # at the foot of the s
 ZERO_SLACK: Final = 2  # increments by which a cleared counter may swing
 UNSHOWN: Final = 3  # motions in a row that the counter does not show: a stop bars one or two
 UNSEEN: Final = "motions in a row have not changed its counter: the axis is moved no more"
+STOPS_MODE: Final = 0x03  # 0: none of them
 SHOWN_STEPS: Final = 16  # increments that any counter has counted of a motion of more
 TICK_NS: Final = 1_000_000_000 // TICKS_PER_SECOND
 
@@ -168,30 +169,34 @@ class Shown:
     turns would let each motion begin where the last has ended.
 
     `due_ns`: when the motion that was begun last must have shown.  `unshown`: how many in a row
-    have not.
+    have not.  `may_stop`: stops are switched on, and one may bar any motion.
     """
 
     counter: int | None = None
     due_ns: int | None = None
     unshown: int = 0
+    may_stop: bool = False
 
-    def heeded(self, axis: Axis, index: int, parameter: int, now_ns: int) -> None:
-        """A command was accepted by an axis of which that was known before."""
-        if self.due_ns is not None and now_ns < self.due_ns:
+    def heeded(self, axis: Axis, index: int, parameter: int, sent_ns: int, now_ns: int) -> None:
+        """A command was accepted, some time between, by an axis of which that was known before."""
+        if self.due_ns is not None and sent_ns < self.due_ns:
             self.due_ns = None  # whatever it was: too short a motion may show nothing
+        if index == STOPS_MODE:
+            self.may_stop = bool(parameter & 0xFF)
         steps = SHOWN_STEPS if index == 0x15 and parameter & 0xFFFF else 0
         if index in (0x13, 0x14):
             target = signed(parameter) if index == 0x13 else 0
             steps = min(SHOWN_STEPS, abs(target - axis.counter[0]))
-        if steps > ZERO_SLACK and axis.is_armed is False and not axis.may_move:
+        is_free = axis.is_armed is False and not (axis.may_move or self.may_stop)
+        if steps > ZERO_SLACK and is_free:
             period = parameter & 0xFFFF if index == 0x15 else axis.period
             self.due_ns = now_ns + steps * RAMP_LEVELS * period * TICK_NS
 
-    def seen(self, counter: int, now_ns: int) -> str:
-        """The counter was read; why the axis must be moved no more, empty: it may."""
+    def seen(self, counter: int, sent_ns: int) -> str:
+        """The counter was asked for then; why the axis must be moved no more, empty: it may."""
         if counter != self.counter:
             self.counter, self.due_ns, self.unshown = counter, None, 0
-        elif self.due_ns is not None and now_ns > self.due_ns:
+        elif self.due_ns is not None and sent_ns > self.due_ns:
             self.due_ns = None
             self.unshown += 1
         return f"{self.unshown} {UNSEEN}" if self.unshown >= UNSHOWN else ""

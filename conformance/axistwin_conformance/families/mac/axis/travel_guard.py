@@ -438,7 +438,9 @@ class AxisTravelGuard:
             }
             for address in self._before if asked.address is None else (asked.address,):
                 if (before := self._before.get(address)) is not None:
-                    self._shown[address].heeded(before, asked.index, asked.parameter, now_ns)
+                    self._shown[address].heeded(
+                        before, asked.index, asked.parameter, self._last_ns, now_ns
+                    )
         elif reply.data is not None and asked.address is not None:
             self._learn(asked.address, asked.index, reply.data, now_ns)
         if asked.address is None and reply.whom is not None:  # what became of the others is open
@@ -477,7 +479,7 @@ class AxisTravelGuard:
                 self.axes[address] = self._located(axis, counter, now_ns)
             is_doubtful, is_runaway = address in self._doubtful, bool(self.runaway)
             self._suspects.seen(address, counter, is_doubtful=is_doubtful, is_runaway=is_runaway)
-            if (unshown := self._shown[address].seen(counter, now_ns)) and not is_runaway:
+            if (unshown := self._shown[address].seen(counter, self._last_ns)) and not is_runaway:
                 self.broken = f"MACS-CMD-{self.axes[address].begun_by:02X}-01"
                 self.runaway = unshown
         elif axis is not None and index == PARAMETERS[0x0D].query:
