@@ -114,6 +114,14 @@ def test_a_line_too_slow_to_tell_holds_nothing_against_a_device() -> None:
     assert run.verdicts["MACS-CMD-13-02"] in open_or_passed
 
 
+def test_nacks_of_two_modules_that_collide_are_held_against_neither() -> None:
+    """Where every module Nacks every wrong sum, and jitter keeps the two apart (MACS-AMB-19)."""
+    given: dict[str, Any] = {"query": "&quirk.nack_scope=any", "neighbours": (1,), "seed": 1}
+    run = judged_behind(TERMINAL_SERVER, "a_nacked_frame_does_nothing", **given)
+    assert run.failed == []
+    assert run.result.exit_status == 0, run.result.sentence
+
+
 REAL_WAYS = {
     "a pty in lumps": RealWay(lump_s=0.016),
     "TCP with jitter": RealWay(way_s=(0.005, 0.04), is_pty=False),

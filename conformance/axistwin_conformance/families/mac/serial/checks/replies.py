@@ -255,29 +255,30 @@ def a_nacked_frame_does_nothing(session: Session) -> None:
         (0x03, 9),
         (0x00, 0),
     ):
-        driver.judge.must(
-            ReplyKind.NACK,
-            driver.client.send(driver.client.request(index, parameter).with_wrong_checksum(3)),
-        )
+        _nacked(driver, driver.client.request(index, parameter).with_wrong_checksum(3))
     session.target.wait(QUIET_S)
     after = [driver.client.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
     session.expect(after == before, None, _hex(before), _hex(after))
     forecast = driver.motion.turn(1, SLOWEST)
-    driver.judge.must(
-        ReplyKind.NACK, driver.client.send(driver.client.request(0x18).with_wrong_checksum())
-    )
+    _nacked(driver, driver.client.request(0x18).with_wrong_checksum())
     driver.client.wait(0.2)
     driver.motion.follow(forecast, None, driver.limits.allowance(SLOWEST))
     driver.motion.at_rest()
     start = driver.client.position()
     driver.judge.accepted(0x10)
-    driver.judge.must(
-        ReplyKind.NACK, driver.client.send(driver.client.request(0x20).with_wrong_checksum())
-    )
+    _nacked(driver, driver.client.request(0x20).with_wrong_checksum())
     driver.judge.accepted(0x13, start + 40)
     session.expect(
         is_held(driver, start), None, f"armed: at {start} until 11h", driver.client.position()
     )
+
+
+def _nacked(driver: SerialDriver, request: codec.SerialRequest) -> None:
+    """Send a frame that is Nacked; where every module does that, what comes is no single Nack
+    (MACS-AMB-19)."""
+    exchange = driver.client.send(request)
+    if not driver.client.is_nacked_by_many:
+        driver.judge.must(ReplyKind.NACK, exchange)
 
 
 def _hex(values: list[int]) -> str:
