@@ -122,6 +122,16 @@ def test_nacks_of_two_modules_that_collide_are_held_against_neither() -> None:
     assert run.result.exit_status == 0, run.result.sentence
 
 
+def test_jitter_makes_no_unit_late_whose_time_limit_is_short() -> None:
+    """T1 of 260 ms; the longest packet takes 258 ms on the slowest line (MSC-LNK-17, -22)."""
+    words = ("the_longest_packet_has_time_enough", "the_time_limit_begins_with_each_packet")
+    given: dict[str, Any] = {"query": "&quirk.packet_timeout_ms=260", "seed": 4201}
+    run = judged_behind(TERMINAL_SERVER, *words, model="msc-250", level="full", **given)
+    assert run.failed == []
+    assert run.verdicts["MSC-LNK-22"] is Verdict.PASS
+    assert run.verdicts["MSC-LNK-17"] is not Verdict.FAIL
+
+
 REAL_WAYS = {
     "a pty in lumps": RealWay(lump_s=0.016),
     "TCP with jitter": RealWay(way_s=(0.005, 0.04), is_pty=False),
