@@ -105,6 +105,15 @@ def test_an_interface_costs_a_controller_certainty_at_most(interface: Interface)
     healthy(judged_behind(interface, *MSC_WORDS, model="msc-250"))
 
 
+@pytest.mark.parametrize(
+    "interface", [TERMINAL_SERVER, seldom(LATENCY_TIMER), seldom(WORST)], ids=str
+)
+def test_an_interface_costs_a_board_no_verdict(interface: Interface) -> None:
+    """Moves, pauses, queue and program, each instant known a little worse."""
+    run = healthy(judged_behind(interface, model="mn400", allow="motion,stored", seed=1))
+    assert run.result.exit_status == 0, run.result.sentence
+
+
 def test_a_line_too_slow_to_tell_holds_nothing_against_a_device() -> None:
     """What would fail only because an exchange takes 0.3 s is waited for, or left open for that."""
     run = healthy(judged_behind(FAR_AWAY, "refusals_change_nothing", seed=1))
@@ -167,7 +176,7 @@ def test_a_device_that_restarts_once_does_not_fail_by_it(
     healthy(judged_behind(interface, *words, model=model))
 
 
-@pytest.mark.parametrize("model", ["mac23", "msc-250"])
+@pytest.mark.parametrize("model", ["mac23", "msc-250", "mn400"])
 def test_who_hears_himself_is_told_so(model: str) -> None:
     """An adapter for RS-485 that echoes: not judged, and the remedy is named."""
     result = judged_behind(ECHOING, model=model).result

@@ -90,6 +90,31 @@ def test_a_poll_that_is_lost_does_not_hide_a_board() -> None:
     assert session.run.quality.corrupted == 0
 
 
+class LosingPort(AlteredTwin):
+    """Loses the second character of requests, of so many."""
+
+    losing = 0
+
+    def write(self, data: bytes) -> int:
+        """Send what is not lost."""
+        if not self.losing:
+            return super().write(data)
+        self.losing -= 1
+        self.inner.write(data[:2] + data[3:])
+        return len(data)
+
+
+@pytest.mark.parametrize("text", ["M50", "H0", "J0"])
+def test_what_a_board_has_not_taken_is_sent_again(text: str) -> None:
+    """A move, too, under a sum that a lost character has made wrong; the axis goes there once."""
+    port = LosingPort()
+    driver = BoardDriver(session_on_a_line(port))
+    port.losing = 1
+    assert driver.ask(text).says("START", "DONE")
+    driver.client.listen(1)
+    assert driver.position()[0] == (50 if text == "M50" else 0)
+
+
 # --- what takes its time --------------------------------------------------------------------------
 
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 PIECES_APART_NS = 30_000_000  # beside the time that the bytes of the later piece take
 SLOWEST_BYTE_NS = 1_041_667  # at 9600 baud
 ACK = b"\x06"  # what every family says before it answers
-SURELY_OURS = 8  # bytes in a row that no reply has by chance
+SURELY_OURS = 4  # bytes in a row that no reply has by chance: the shortest request (MN400)
 RECORDS_KEPT = 20_000  # some minutes at full line rate: more than any failure needs, flat memory
 
 

@@ -8,7 +8,8 @@ Rules.
 2. After doubt about framing a board may take the next request for the end of a cut one: then the
    caller waits out its receive time-out before he asks anything (MN4-PKT-15).
 3. Where bytes may get lost, what reads is sent again below the checks; what sets a value too, for
-   it sets the same one.  What moves, stores or counts is not: that voids the attempt.
+   it sets the same one, and what a board says it has not taken.  What moves, stores or counts is
+   not: that voids the attempt.
 4. Whether a board is at some id and rate is asked by `seek`: what comes of that, or does not, says
    nothing of the line, and nothing of a board that is elsewhere.
 """
@@ -35,6 +36,7 @@ LONGEST_TEXT: Final = 69  # characters of a legal request
 MOST_STRAYS: Final = 512  # bytes of no packet that are worth reading
 MOST_LINES: Final = 4096  # of a listing: more than 8 KiB hold
 REPEATABLE: Final = frozenset("/?SNE[:*RVFBDPXGYI;L|Q")  # rule 3
+NOT_TAKEN: Final = (("TIMEOUT",), ("CHKSUMERROR",))  # replies to what has done nothing
 SLOT_GAP_S: Final = 0.002  # MN4-DROP-03
 TIMEOUT_MARGIN_S: Final = 0.1
 
@@ -246,7 +248,7 @@ class BoardClient:
             if self.session.is_believed(bad, exchange.raw, is_good=is_good):
                 break
             told = f"{words.explain_request(exchange.request)}: {exchange}"
-            if packet.command.upper() not in REPEATABLE:
+            if not (self._is_repeatable(packet) or exchange.codes in NOT_TAKEN):
                 if self.session.check is not None:
                     self.session.void_attempt(told)
                 break
@@ -254,6 +256,12 @@ class BoardClient:
             self.forget_frame()
             exchange = self._once(exchange.request, timeout_s)
         return exchange
+
+    def _is_repeatable(self, packet: BoardPacket) -> bool:
+        """Whether a board that has obeyed already does nothing else when told again."""
+        takes_number = self.session.reading("hold_takes_arg") == "true"
+        is_off = packet.text == "J0" or (packet.text == "H0" and takes_number)
+        return is_off or packet.command.upper() in REPEATABLE
 
     def _is_good(self, exchange: BoardExchange, text: str) -> bool:
         """True if a board could say that to a sound request."""
