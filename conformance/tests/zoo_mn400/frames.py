@@ -9,7 +9,7 @@ from axistwin.devices.mn400.device import Mn400Board
 from axistwin.devices.mn400.link.packets import ADDRESS_BIT, ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request, _Frame
-from axistwin.devices.mn400.link.sender import Reply
+from axistwin.devices.mn400.link.sender import Reply, ReplySender
 from axistwin.devices.mn400.readout import ReadOut
 from zoo_mn400.planting import (
     MS,
@@ -303,6 +303,50 @@ def a_repeat_has_another_code(patch: MonkeyPatch) -> None:
         return last._replace(code=ReturnCode.NOMOVEPENDING) if is_done else last
 
     repeats(patch, change)
+
+
+def _keeps_of_replies(patch: MonkeyPatch, is_kept: Any_) -> None:
+    """Let & repeat the last message for which `is_kept(message)` holds."""
+
+    def act(go: Any_, sender: ReplySender, now: int) -> None:
+        before = sender.last
+        go()
+        if sender.last is not None and not is_kept(sender.last):
+            sender.last = before
+
+    around(patch, ReplySender, "run", act)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def errors_are_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind an error & repeats the value or DONE of before."""
+    told = (ReturnCode.DONE, ReturnCode.PRESENT, ReturnCode.BAUDCHANGEOK)
+    _keeps_of_replies(patch, lambda last: last.value is not None or last.code in told)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def a_refusal_on_hold_is_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind MOVEPENDING & repeats the message of before."""
+    _keeps_of_replies(patch, lambda last: last.code != ReturnCode.MOVEPENDING)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def a_refusal_in_motion_is_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind BUSY & repeats the message of before."""
+    _keeps_of_replies(patch, lambda last: last.code != ReturnCode.BUSY)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def what_is_no_packet_draws_an_error_that_is_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind SLAVEBUFFOV and TIMEOUT & repeats the message of before."""
+    told = (ReturnCode.SLAVEBUFFOV, ReturnCode.TIMEOUT)
+    _keeps_of_replies(patch, lambda last: last.code not in told)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def a_poll_is_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind PRESENT & repeats the message of before."""
+    _keeps_of_replies(patch, lambda last: last.code != ReturnCode.PRESENT)
 
 
 @board_mutant("MN4-CMD-POLL-01")

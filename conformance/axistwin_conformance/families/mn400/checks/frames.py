@@ -165,9 +165,10 @@ def a_gap_within_a_frame_does_not_break_it(session: Session) -> None:
     driver.tells(exchange.says(*PRESENT), "MN4-PKT-09", "START and PRESENT", exchange)
 
 
-@check("MN4-PKT-10", "MN4-PKT-11", "MN4-PKT-15")
+@check("MN4-PKT-10", "MN4-PKT-11", "MN4-PKT-15", "MN4-CMD-RTX-01")
 def a_board_finds_the_next_frame(session: Session) -> None:
-    """Behind junk, in another frame, behind a doubled address, behind a frame cut off."""
+    """Behind junk, in another frame, behind a doubled address, behind a frame cut off, whose
+    TIMEOUT comes again where there is one (MN4-AMB-51)."""
     driver = BoardDriver(session)
     own, other = codec.address_byte(driver.board), codec.address_byte(driver.board % 127 + 1)
     poll = driver.client.request("*")
@@ -179,7 +180,10 @@ def a_board_finds_the_next_frame(session: Session) -> None:
         exchange = driver.client.ask_raw(begun + poll, driver.client.limit_s("*"))
         driver.tells(exchange.says(*PRESENT), name, "a poll's reply", exchange)
     driver.client.send(poll[:2])
-    driver.client.forget_frame()
+    found, strays = codec.packets(driver.client.forget_frame())
+    timed_out = BoardExchange(poll[:2], found, strays)
+    if timed_out.is_sound and timed_out.codes[-1:] == ("TIMEOUT",):  # no late reply of before
+        driver.repeats(timed_out, "MN4-CMD-RTX-01")
     exchange = driver.ask("*")
     driver.tells(exchange.says(*PRESENT), "MN4-PKT-15", "a poll's reply", exchange)
 
