@@ -10,8 +10,14 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.client import BoardExchange
-from axistwin_conformance.families.mn400.driver import DATA, DONE, PRESENT, BoardDriver
+from axistwin_conformance.families.mn400.client import MEASURES_S, BoardExchange
+from axistwin_conformance.families.mn400.driver import (
+    DATA,
+    DONE,
+    LONGEST_VALUE,
+    PRESENT,
+    BoardDriver,
+)
 from axistwin_conformance.families.mn400.snapshot import restoring
 
 ORDER = 10  # of this module in a run; see `Family.modules`
@@ -67,6 +73,29 @@ def a_poll_draws_the_bytes_of_the_manual(session: Session) -> None:
     driver.judge(exchange, PRESENT, "MN4-PKT-07")
     ids = {packet.board for packet in exchange.found}
     session.expect(ids == {driver.board}, "MN4-PKT-07", f"id {driver.board}", f"ids {sorted(ids)}")
+
+
+@check("MN4-PKT-07", needs=("alone",))
+@restoring("VX")
+def what_all_are_asked_a_board_answers_by_its_own_id(session: Session) -> None:
+    """Reads, orders and errors to id 0, and & behind each: what comes has the id of the board, as
+    far as it answers (MN4-AMB-07)."""
+    driver = BoardDriver(session)
+    rate = codec.RATES.index(driver.target.baud)
+    texts = driver.known((*READS, "E1", *PLAIN_ORDERS, "K", "X3", "W", f"~{rate}"))
+    if driver.reading("broadcast_reply") == "poll_only":
+        texts = texts[:1]
+    everybody = [codec.request(codec.ALL_BOARDS, text) for text in texts]
+    again = codec.request(codec.ALL_BOARDS, "&")
+    limit_s = driver.slots_s(LONGEST_VALUE) + MEASURES_S[1] * driver.board
+    wrong_sum = codec.with_wrong_checksum(codec.request(codec.ALL_BOARDS, "*"))
+    own = codec.address_byte(driver.board)
+    for asked in (*everybody, wrong_sum):
+        for raw in (asked, again):
+            exchange = driver.client.ask_raw(raw, limit_s)
+            ids = {one for packet in exchange.found for one in (packet.opening, packet.closing)}
+            told = f"{own:02X}h as both addresses of each packet, or nothing"
+            session.expect(ids <= {own}, "MN4-PKT-07", told, exchange.observed)
 
 
 @check("MN4-PKT-05", "MN4-PKT-03")
