@@ -372,6 +372,36 @@ def what_comes_too_early_is_lost(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "_serve", act)
 
 
+@board_mutant("MN4-PKT-08")
+def two_requests_wait_while_one_is_answered(patch: MonkeyPatch) -> None:
+    """Of those that come while a reply is being sent, the third and all behind it are lost."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        sender = board._serial
+        is_busy = sender.free_ns > request.time_ns or not sender.is_silent
+        waiting = getattr(board, "waiting", 0) + 1 if is_busy else 0
+        board.waiting = waiting  # type: ignore[attr-defined]
+        if waiting <= 2:
+            go()
+
+    around(patch, Mn400Board, "_serve", act)
+
+
+@board_mutant("MN4-PKT-08")
+def what_waits_has_room_in_60_bytes(patch: MonkeyPatch) -> None:
+    """Of those that come while a reply is being sent, what goes beyond 60 bytes is lost."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        sender = board._serial
+        is_busy = sender.free_ns > request.time_ns or not sender.is_silent
+        size = getattr(board, "waiting", 0) + len(request.payload) + 3 if is_busy else 0
+        board.waiting = size  # type: ignore[attr-defined]
+        if size <= 60:
+            go()
+
+    around(patch, Mn400Board, "_serve", act)
+
+
 @board_mutant("MN4-RSP-14")
 def it_says_something_by_itself(patch: MonkeyPatch) -> None:
     """Behind each reply to V a DONE comes once more, a while later."""

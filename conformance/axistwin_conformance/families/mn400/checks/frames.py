@@ -5,6 +5,7 @@ What is wrong on purpose here is a poll or a read: a board that takes it for rig
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.base.check import check
@@ -25,6 +26,8 @@ ORDER = 10  # of this module in a run; see `Family.modules`
 LOADED_SUMS: Final = (0x00, 0x03, 0x04, 0x0D, 0x11, 0x13, 0x26, 0x2A, 0x2C, 0x51, 0x7B)
 READS: Final = ("E", "N", "S", "/", "?", "[", ":")
 PLAIN_ORDERS: Final = ("V2000", "X1", "Q", "|")
+# Requests of four bytes, as many as take no more bytes than the longest command has (MN4-PKT-13).
+IN_A_ROW: Final = ("*", "E", "S", "N", "/", "[") * 2 + ("*", "E", "S", "N", "/")
 GAP_S: Final = 0.005
 
 
@@ -169,16 +172,34 @@ def other_ids_are_not_answered(session: Session) -> None:
 
 @check("MN4-PKT-08", needs=("alone",))
 def packets_in_a_row_are_answered_one_by_one(session: Session) -> None:
-    """Two requests at once draw four packets in their order; on two wires they would collide."""
+    """Requests without a pause between them, as many bytes as the longest command has, draw the
+    packets of each in their order; on two wires they would collide."""
     driver = BoardDriver(session)
     driver.target.drain()
-    driver.client.send(driver.client.request("*") + driver.client.request("E"))
-    came = driver.client.listen(driver.client.limit_s("*") + driver.client.limit_s("E"))
-    found, strays = codec.packets(came)
-    pairs = zip(found, codec.codes_of(found), strict=True)
-    said = " ".join(f"{packet.command} {code}" for packet, code in pairs)
-    is_right = said == "* START * PRESENT E START E data" and not strays
-    session.expect(is_right, None, "the poll's two packets, then E's", said or came.hex(" "))
+    for text in IN_A_ROW:  # each by itself: a sum in the middle may look like a command
+        driver.client.send(driver.client.request(text))
+    wanted = [(text, code) for text in IN_A_ROW for code in _codes(text)]
+    found, strays = list[codec.BoardPacket](), b""
+    while len(found) < len(wanted):
+        packet, before = driver.client.receive_packet(driver.client.limit_s("*"))
+        strays += before
+        if packet is None:
+            break
+        found.append(packet)
+    came = [*zip((packet.command for packet in found), codec.codes_of(found), strict=True)]
+    is_right = came == wanted and not strays
+    told = f"in answer to {len(IN_A_ROW)} requests in a row: {_row_in_words(wanted)}"
+    session.expect(is_right, None, told, _row_in_words(came) or strays.hex(" ") or "nothing")
+
+
+def _codes(text: str) -> tuple[str, str]:
+    """What a poll or a read draws."""
+    return PRESENT if text == "*" else DATA
+
+
+def _row_in_words(row: Sequence[tuple[str, str]]) -> str:
+    """Commands and codes of packets, in their order."""
+    return ", ".join(f"{command} {code}" for command, code in row)
 
 
 @check("MN4-PKT-09")
