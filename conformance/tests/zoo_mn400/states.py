@@ -166,6 +166,30 @@ def the_queue_has_no_end(patch: MonkeyPatch) -> None:
     around(patch, Mover, "make_room", act)
 
 
+def _loses(patch: MonkeyPatch, every: int) -> None:
+    """Let one in so many of the moves that wait for one another be taken and forgotten."""
+
+    def act(go: Any_, mover: Mover, now: int, order: MotionOrder) -> None:
+        waiting = getattr(mover, "waiting", 0) + 1 if mover.is_busy else 0
+        mover.waiting = waiting  # type: ignore[attr-defined]
+        if waiting % every != 1 or waiting < every:
+            go()
+
+    around(patch, Mover, "take", act)
+
+
+@board_mutant("MN4-STM-01")
+def every_16th_place_of_the_queue_loses_its_move(patch: MonkeyPatch) -> None:
+    """The 17th move that waits is answered and lost, and so is the 33rd."""
+    _loses(patch, 16)
+
+
+@board_mutant("MN4-STM-01")
+def the_last_place_of_the_queue_loses_its_move(patch: MonkeyPatch) -> None:
+    """The 31st move that waits is answered and lost."""
+    _loses(patch, 30)
+
+
 @board_mutant("MN4-STM-01")
 def queued_loads_are_lost(patch: MonkeyPatch) -> None:
     """L during a move is answered, and forgotten with it."""
