@@ -132,6 +132,22 @@ def quit_leaves_segments_for_the_next_contour(patch: MonkeyPatch) -> None:
     commands(patch, "Q", leave)
 
 
+@board_mutant("MN4-CC-01")
+def every_16th_place_of_a_contour_loses_its_segment(patch: MonkeyPatch) -> None:
+    """The 17th segment is answered and lost, and so is the 33rd."""
+
+    def act(go: Any_, one: Interpreter, line: Any, letter: str, given: Any) -> None:
+        go()
+        contour = one.contour
+        assert contour is not None
+        count = getattr(one, "segments", 0) + 1 if len(contour.segments) > 1 else 1
+        one.segments = count  # type: ignore[attr-defined]
+        if letter == "M" and count > 16 and count % 16 == 1:
+            contour.segments.pop()
+
+    around(patch, Interpreter, "_buffer", act)
+
+
 @board_mutant("MN4-CMD-CC-07")
 def a_contour_puts_the_speed_back(patch: MonkeyPatch) -> None:
     """The V of a contour is over with it."""
