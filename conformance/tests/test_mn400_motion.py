@@ -126,6 +126,7 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_corner_is_taken_at_start_speed": (is_read_as(cc_corner_speed="margin"), "MN4-CC-07"),
     "every_segment_keeps_its_own_speed": (hears(("V800", "V3000")), "MN4-CC-06"),
     "a_contour_is_no_slower_than_separate_moves": (hears(("V3000", "V900")), "MN4-CC-09"),
+    "a_contour_has_room_for_256_segments": (hears(("M,,1", "M,,2")), "MN4-CC-01"),
     "a_running_contour_can_be_paused_and_quit": (hears(("}", "|")), "MN4-CMD-CC-06"),
     "a_move_stands_where_it_is_paused": (is_read_as(pause_decel="false"), "MN4-PAU-01"),
     "pauses_anywhere_lose_no_step": (hears(("}", "Q")), "MN4-PAU-03"),

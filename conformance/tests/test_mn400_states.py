@@ -152,6 +152,8 @@ FAULTS: dict[str, tuple[str, Plant, str]] = {
     "a full queue is busy": (
         "a_full_queue_is_told", says(lambda packet: b"M\x14\0" if packet.code == 0x15 else None),
         "MN4-STM-03"),
+    "a queued move goes nowhere": (
+        "a_full_queue_is_told", hears(("M,,1", "M")), "MN4-STM-01"),
     "& reads anew": (
         "a_repetition_repeats_and_carries_nothing_out",
         value("&", lambda row: [row[0] + 9, *row[1:]]), "MN4-CMD-RTX-03"),

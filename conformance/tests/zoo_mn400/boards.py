@@ -194,6 +194,48 @@ def only_board_1_answers_polls_of_all(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "_serve", act)
 
 
+def _for_all(patch: MonkeyPatch, change: Any_) -> None:
+    """Let `change(part)` be each part of an answer to all boards but to a poll."""
+
+    def act(go: Any_, one: Interpreter, *line: Any) -> Answer | None:
+        answer: Answer | None = go()
+        _, payload, _, is_for_all = (*line, False)[:4]
+        if answer is None or not is_for_all or payload[:1] == b"*":
+            return answer
+        return answer._replace(parts=[change(part) for part in answer.parts])
+
+    around(patch, Interpreter, "obey", act)
+
+
+def _by_everybody(part: ReplyPart) -> ReplyPart:
+    """The part with id 0 as the address of what it sends."""
+    message = part.message
+    if isinstance(message, Reply):
+        return _from(part, 0)
+
+    def made(now: int) -> Reply | None:
+        found = message(now)
+        return found and found._replace(address=0)
+
+    return part._replace(message=made)
+
+
+@board_mutant("MN4-PKT-07", traps=(9,))
+def what_all_are_asked_is_answered_by_everybody(patch: MonkeyPatch) -> None:
+    """All but a poll that id 0 is asked draws packets of id 0."""
+    _for_all(patch, _by_everybody)
+
+
+@board_mutant("MN4-PKT-07", traps=(9,))
+def a_value_that_all_are_asked_for_is_told_by_everybody(patch: MonkeyPatch) -> None:
+    """START of a read has the own id, the value id 0."""
+
+    def change(part: ReplyPart) -> ReplyPart:
+        return part if isinstance(part.message, Reply) else _by_everybody(part)
+
+    _for_all(patch, change)
+
+
 @board_mutant("MN4-DROP-04")
 def orders_to_all_boards_are_answered_and_not_done(patch: MonkeyPatch) -> None:
     """L to id 0 draws START and DONE."""

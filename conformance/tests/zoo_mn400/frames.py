@@ -9,7 +9,7 @@ from axistwin.devices.mn400.device import Mn400Board
 from axistwin.devices.mn400.link.packets import ADDRESS_BIT, ReturnCode
 from axistwin.devices.mn400.link.ports import Answer
 from axistwin.devices.mn400.link.receiver import Flaw, PacketReceiver, Request, _Frame
-from axistwin.devices.mn400.link.sender import Reply
+from axistwin.devices.mn400.link.sender import Reply, ReplySender
 from axistwin.devices.mn400.readout import ReadOut
 from zoo_mn400.planting import (
     MS,
@@ -305,6 +305,50 @@ def a_repeat_has_another_code(patch: MonkeyPatch) -> None:
     repeats(patch, change)
 
 
+def _keeps_of_replies(patch: MonkeyPatch, is_kept: Any_) -> None:
+    """Let & repeat the last message for which `is_kept(message)` holds."""
+
+    def act(go: Any_, sender: ReplySender, now: int) -> None:
+        before = sender.last
+        go()
+        if sender.last is not None and not is_kept(sender.last):
+            sender.last = before
+
+    around(patch, ReplySender, "run", act)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def errors_are_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind an error & repeats the value or DONE of before."""
+    told = (ReturnCode.DONE, ReturnCode.PRESENT, ReturnCode.BAUDCHANGEOK)
+    _keeps_of_replies(patch, lambda last: last.value is not None or last.code in told)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def a_refusal_on_hold_is_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind MOVEPENDING & repeats the message of before."""
+    _keeps_of_replies(patch, lambda last: last.code != ReturnCode.MOVEPENDING)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def a_refusal_in_motion_is_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind BUSY & repeats the message of before."""
+    _keeps_of_replies(patch, lambda last: last.code != ReturnCode.BUSY)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def what_is_no_packet_draws_an_error_that_is_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind SLAVEBUFFOV and TIMEOUT & repeats the message of before."""
+    told = (ReturnCode.SLAVEBUFFOV, ReturnCode.TIMEOUT)
+    _keeps_of_replies(patch, lambda last: last.code not in told)
+
+
+@board_mutant("MN4-CMD-RTX-01")
+def a_poll_is_not_repeated(patch: MonkeyPatch) -> None:
+    """Behind PRESENT & repeats the message of before."""
+    _keeps_of_replies(patch, lambda last: last.code != ReturnCode.PRESENT)
+
+
 @board_mutant("MN4-CMD-POLL-01")
 def a_poll_is_done(patch: MonkeyPatch) -> None:
     """With hold on * draws START and DONE."""
@@ -323,6 +367,36 @@ def what_comes_too_early_is_lost(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, board: Mn400Board, request: Request) -> None:
         if board._serial.free_ns <= request.time_ns:
+            go()
+
+    around(patch, Mn400Board, "_serve", act)
+
+
+@board_mutant("MN4-PKT-08")
+def two_requests_wait_while_one_is_answered(patch: MonkeyPatch) -> None:
+    """Of those that come while a reply is being sent, the third and all behind it are lost."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        sender = board._serial
+        is_busy = sender.free_ns > request.time_ns or not sender.is_silent
+        waiting = getattr(board, "waiting", 0) + 1 if is_busy else 0
+        board.waiting = waiting  # type: ignore[attr-defined]
+        if waiting <= 2:
+            go()
+
+    around(patch, Mn400Board, "_serve", act)
+
+
+@board_mutant("MN4-PKT-08")
+def what_waits_has_room_in_60_bytes(patch: MonkeyPatch) -> None:
+    """Of those that come while a reply is being sent, what goes beyond 60 bytes is lost."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        sender = board._serial
+        is_busy = sender.free_ns > request.time_ns or not sender.is_silent
+        size = getattr(board, "waiting", 0) + len(request.payload) + 3 if is_busy else 0
+        board.waiting = size  # type: ignore[attr-defined]
+        if size <= 60:
             go()
 
     around(patch, Mn400Board, "_serve", act)

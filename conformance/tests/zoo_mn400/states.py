@@ -132,6 +132,22 @@ def quit_leaves_segments_for_the_next_contour(patch: MonkeyPatch) -> None:
     commands(patch, "Q", leave)
 
 
+@board_mutant("MN4-CC-01")
+def every_16th_place_of_a_contour_loses_its_segment(patch: MonkeyPatch) -> None:
+    """The 17th segment is answered and lost, and so is the 33rd."""
+
+    def act(go: Any_, one: Interpreter, line: Any, letter: str, given: Any) -> None:
+        go()
+        contour = one.contour
+        assert contour is not None
+        count = getattr(one, "segments", 0) + 1 if len(contour.segments) > 1 else 1
+        one.segments = count  # type: ignore[attr-defined]
+        if letter == "M" and count > 16 and count % 16 == 1:
+            contour.segments.pop()
+
+    around(patch, Interpreter, "_buffer", act)
+
+
 @board_mutant("MN4-CMD-CC-07")
 def a_contour_puts_the_speed_back(patch: MonkeyPatch) -> None:
     """The V of a contour is over with it."""
@@ -164,6 +180,30 @@ def the_queue_has_no_end(patch: MonkeyPatch) -> None:
             mover.queue.pop()
 
     around(patch, Mover, "make_room", act)
+
+
+def _loses(patch: MonkeyPatch, every: int) -> None:
+    """Let one in so many of the moves that wait for one another be taken and forgotten."""
+
+    def act(go: Any_, mover: Mover, now: int, order: MotionOrder) -> None:
+        waiting = getattr(mover, "waiting", 0) + 1 if mover.is_busy else 0
+        mover.waiting = waiting  # type: ignore[attr-defined]
+        if waiting % every != 1 or waiting < every:
+            go()
+
+    around(patch, Mover, "take", act)
+
+
+@board_mutant("MN4-STM-01")
+def every_16th_place_of_the_queue_loses_its_move(patch: MonkeyPatch) -> None:
+    """The 17th move that waits is answered and lost, and so is the 33rd."""
+    _loses(patch, 16)
+
+
+@board_mutant("MN4-STM-01")
+def the_last_place_of_the_queue_loses_its_move(patch: MonkeyPatch) -> None:
+    """The 31st move that waits is answered and lost."""
+    _loses(patch, 30)
 
 
 @board_mutant("MN4-STM-01")

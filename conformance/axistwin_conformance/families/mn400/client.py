@@ -196,7 +196,16 @@ class BoardClient:
 
         `timeout_s`: until the first byte of each; None: as long as a board may take.
         """
-        exchange = self._once(raw, timeout_s)
+        return self._believed(self._once(raw, timeout_s), timeout_s)
+
+    def ask_again(self, wanted: bytes) -> BoardExchange:
+        """Send &, to which what is `wanted` is good, though it may say what noise is answered."""
+        exchange = self._once(self.request("&"), None)
+        return exchange if exchange.raw == wanted else self._believed(exchange, None)
+
+    def _believed(self, exchange: BoardExchange, timeout_s: float | None) -> BoardExchange:
+        """The same, or what came in the end (rule 3)."""
+        raw = exchange.request
         if self.target.is_lossless:
             return exchange
         packet = codec.parse(raw)

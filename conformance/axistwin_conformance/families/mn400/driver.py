@@ -149,6 +149,23 @@ class BoardDriver:
         is_right = exchange.says(*codes) if codes else exchange.is_silence
         self.session.expect(is_right, requirement, told, exchange.observed)
 
+    def repeats(
+        self, said: BoardExchange, requirement: Requirements, start: Requirements = None
+    ) -> None:
+        """Judge that & draws one packet, the last one of a reply, as before but for its command and
+        sum (MN4-AMB-42); `start`: whose business a START before it is, None: the same."""
+        is_verbatim = self.reading("retransmit_cmd") == "verbatim"
+        after = words.explain_request(said.request)
+        self.session.step(said.is_sound, f"packets to {after}", said)
+        payload = said.found[-1].payload
+        wanted = codec.request(self.board, payload if is_verbatim else b"&" + payload[1:])
+        again = self.client.ask_again(wanted)
+        came = words.explain_reply(again.raw) or "nothing"
+        if start is not None:
+            self.session.expect("START" not in again.codes, start, "no START", came)
+        told, when = words.explain_reply(wanted), f"to & behind {after}"
+        self.session.expect(again.raw == wanted, requirement, told, came, when)
+
     def draws_one_of(self, text: str | bytes, readings: Mapping[tuple[str, ...], str]) -> int | str:
         """For a probe: the number of the reading whose reply a request draws, in the order of the
         mapping; what came in words, if it is none."""

@@ -115,6 +115,8 @@ class StateRow:
             return True
         if not self.driver.fits(text, exchange, expected):
             return False
+        if self.state is BoardState.MOV and exchange.codes[-1:] == ("BUSY",):
+            self.driver.repeats(exchange, "MN4-CMD-RTX-01")
         if exchange.codes[-1:] == ("DONE",) or text == "K" or self._is_kept(text):
             model.accept(text, span)
         self._queued += self._requirement(text) == self.waiting
@@ -193,9 +195,9 @@ def at_rest_every_command_is_served(session: Session) -> None:
     StateRow(session, BoardState.RDY, "MN4-STM-02", "MN4-STM-02").judge()
 
 
-@check("MN4-RSP-06", "MN4-STM-02", safety=MOTION)
+@check("MN4-RSP-06", "MN4-STM-02", "MN4-CMD-RTX-01", safety=MOTION)
 def in_motion_commands_wait_or_are_served_at_once(session: Session) -> None:
-    """While one move runs."""
+    """While one move runs; & repeats what says that the board is busy."""
     StateRow(session, BoardState.MOV, "MN4-RSP-06", "MN4-STM-02").judge()
 
 

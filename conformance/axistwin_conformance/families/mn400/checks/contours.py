@@ -9,6 +9,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400.checks.queue import all_steps, one_step_text
 from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 from axistwin_conformance.families.mn400.planner.speed import ramped
@@ -20,6 +21,7 @@ EXAMPLE_LINES: Final = (
     "V3000", "M500,,500", "M505,,500", "M509,,500", "V3850", "M530,,505", "M520,,510",
 )  # fmt: skip
 EXAMPLE_STEPS: Final = 2564  # along its longest axis
+PLANNED_S: Final = 1  # by which a board has made its plan of many segments, and moves
 SAME_SPEED: Final = Fraction(1, 20)  # s, by which one motion may be seen to differ from another
 
 
@@ -191,22 +193,30 @@ def a_running_contour_can_be_paused_and_quit(session: Session) -> None:
     motion.stays("MN4-CMD-CC-06", 1.0)
 
 
-@check("MN4-CMD-CC-09", safety=MOTION, level="full")
+@check("MN4-CMD-CC-09", "MN4-CC-01", safety=MOTION, level="full")
 def a_contour_has_room_for_256_segments(session: Session) -> None:
-    """One more is SLAVEBUFFOV; Q forgets them all."""
+    """One more is SLAVEBUFFOV and lost, and none of the others is: each goes a step, and they end
+    where these lead."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     capacity = int(driver.reading("cc_capacity"))
     motion.ready()
     motion.set("(")
-    for number in range(capacity):
-        exchange = driver.ask(f"M{1 if number % 2 else -1}")
+    taken = 0
+    for _ in range(capacity):
+        exchange = driver.ask(one_step_text(taken, motion.room, 1))
         if not exchange.says(*DONE):
-            driver.tells(False, "MN4-CMD-CC-09", f"{capacity} segments", f"{number}: {exchange}")
+            driver.tells(False, "MN4-CMD-CC-09", f"{capacity} segments", f"{taken}: {exchange}")
             break
+        taken += 1
     else:
-        exchange = driver.ask("M1")
+        exchange = driver.ask(one_step_text(taken, motion.room, 1))
         codes = driver.errors("SLAVEBUFFOV")
         is_full = exchange.says(*codes)
         driver.tells(is_full, "MN4-CMD-CC-09", " and ".join(codes), exchange)
-    driver.command("Q")
+        taken += exchange.says(*DONE)
+    driver.draws(")", DONE, "MN4-CC-01")
+    driver.target.wait(PLANNED_S)
+    place, wanted = motion.rest(), all_steps(taken, motion.room, 1)
+    told = f"{wanted} when a contour of {taken} segments of one step is over"
+    session.expect(place == wanted, "MN4-CC-01", told, place)

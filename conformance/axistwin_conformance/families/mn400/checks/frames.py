@@ -5,13 +5,20 @@ What is wrong on purpose here is a poll or a read: a board that takes it for rig
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.client import BoardExchange
-from axistwin_conformance.families.mn400.driver import DATA, DONE, PRESENT, BoardDriver
+from axistwin_conformance.families.mn400.client import MEASURES_S, BoardExchange
+from axistwin_conformance.families.mn400.driver import (
+    DATA,
+    DONE,
+    LONGEST_VALUE,
+    PRESENT,
+    BoardDriver,
+)
 from axistwin_conformance.families.mn400.snapshot import restoring
 
 ORDER = 10  # of this module in a run; see `Family.modules`
@@ -19,6 +26,8 @@ ORDER = 10  # of this module in a run; see `Family.modules`
 LOADED_SUMS: Final = (0x00, 0x03, 0x04, 0x0D, 0x11, 0x13, 0x26, 0x2A, 0x2C, 0x51, 0x7B)
 READS: Final = ("E", "N", "S", "/", "?", "[", ":")
 PLAIN_ORDERS: Final = ("V2000", "X1", "Q", "|")
+# Requests of four bytes, as many as take no more bytes than the longest command has (MN4-PKT-13).
+IN_A_ROW: Final = ("*", "E", "S", "N", "/", "[") * 2 + ("*", "E", "S", "N", "/")
 GAP_S: Final = 0.005
 
 
@@ -67,6 +76,29 @@ def a_poll_draws_the_bytes_of_the_manual(session: Session) -> None:
     driver.judge(exchange, PRESENT, "MN4-PKT-07")
     ids = {packet.board for packet in exchange.found}
     session.expect(ids == {driver.board}, "MN4-PKT-07", f"id {driver.board}", f"ids {sorted(ids)}")
+
+
+@check("MN4-PKT-07", needs=("alone",))
+@restoring("VX")
+def what_all_are_asked_a_board_answers_by_its_own_id(session: Session) -> None:
+    """Reads, orders and errors to id 0, and & behind each: what comes has the id of the board, as
+    far as it answers (MN4-AMB-07)."""
+    driver = BoardDriver(session)
+    rate = codec.RATES.index(driver.target.baud)
+    texts = driver.known((*READS, "E1", *PLAIN_ORDERS, "K", "X3", "W", f"~{rate}"))
+    if driver.reading("broadcast_reply") == "poll_only":
+        texts = texts[:1]
+    everybody = [codec.request(codec.ALL_BOARDS, text) for text in texts]
+    again = codec.request(codec.ALL_BOARDS, "&")
+    limit_s = driver.slots_s(LONGEST_VALUE) + MEASURES_S[1] * driver.board
+    wrong_sum = codec.with_wrong_checksum(codec.request(codec.ALL_BOARDS, "*"))
+    own = codec.address_byte(driver.board)
+    for asked in (*everybody, wrong_sum):
+        for raw in (asked, again):
+            exchange = driver.client.ask_raw(raw, limit_s)
+            ids = {one for packet in exchange.found for one in (packet.opening, packet.closing)}
+            told = f"{own:02X}h as both addresses of each packet, or nothing"
+            session.expect(ids <= {own}, "MN4-PKT-07", told, exchange.observed)
 
 
 @check("MN4-PKT-05", "MN4-PKT-03")
@@ -140,16 +172,34 @@ def other_ids_are_not_answered(session: Session) -> None:
 
 @check("MN4-PKT-08", needs=("alone",))
 def packets_in_a_row_are_answered_one_by_one(session: Session) -> None:
-    """Two requests at once draw four packets in their order; on two wires they would collide."""
+    """Requests without a pause between them, as many bytes as the longest command has, draw the
+    packets of each in their order; on two wires they would collide."""
     driver = BoardDriver(session)
     driver.target.drain()
-    driver.client.send(driver.client.request("*") + driver.client.request("E"))
-    came = driver.client.listen(driver.client.limit_s("*") + driver.client.limit_s("E"))
-    found, strays = codec.packets(came)
-    pairs = zip(found, codec.codes_of(found), strict=True)
-    said = " ".join(f"{packet.command} {code}" for packet, code in pairs)
-    is_right = said == "* START * PRESENT E START E data" and not strays
-    session.expect(is_right, None, "the poll's two packets, then E's", said or came.hex(" "))
+    for text in IN_A_ROW:  # each by itself: a sum in the middle may look like a command
+        driver.client.send(driver.client.request(text))
+    wanted = [(text, code) for text in IN_A_ROW for code in _codes(text)]
+    found, strays = list[codec.BoardPacket](), b""
+    while len(found) < len(wanted):
+        packet, before = driver.client.receive_packet(driver.client.limit_s("*"))
+        strays += before
+        if packet is None:
+            break
+        found.append(packet)
+    came = [*zip((packet.command for packet in found), codec.codes_of(found), strict=True)]
+    is_right = came == wanted and not strays
+    told = f"in answer to {len(IN_A_ROW)} requests in a row: {_row_in_words(wanted)}"
+    session.expect(is_right, None, told, _row_in_words(came) or strays.hex(" ") or "nothing")
+
+
+def _codes(text: str) -> tuple[str, str]:
+    """What a poll or a read draws."""
+    return PRESENT if text == "*" else DATA
+
+
+def _row_in_words(row: Sequence[tuple[str, str]]) -> str:
+    """Commands and codes of packets, in their order."""
+    return ", ".join(f"{command} {code}" for command, code in row)
 
 
 @check("MN4-PKT-09")
@@ -165,9 +215,10 @@ def a_gap_within_a_frame_does_not_break_it(session: Session) -> None:
     driver.tells(exchange.says(*PRESENT), "MN4-PKT-09", "START and PRESENT", exchange)
 
 
-@check("MN4-PKT-10", "MN4-PKT-11", "MN4-PKT-15")
+@check("MN4-PKT-10", "MN4-PKT-11", "MN4-PKT-15", "MN4-CMD-RTX-01")
 def a_board_finds_the_next_frame(session: Session) -> None:
-    """Behind junk, in another frame, behind a doubled address, behind a frame cut off."""
+    """Behind junk, in another frame, behind a doubled address, behind a frame cut off, whose
+    TIMEOUT comes again where there is one (MN4-AMB-51)."""
     driver = BoardDriver(session)
     own, other = codec.address_byte(driver.board), codec.address_byte(driver.board % 127 + 1)
     poll = driver.client.request("*")
@@ -179,7 +230,10 @@ def a_board_finds_the_next_frame(session: Session) -> None:
         exchange = driver.client.ask_raw(begun + poll, driver.client.limit_s("*"))
         driver.tells(exchange.says(*PRESENT), name, "a poll's reply", exchange)
     driver.client.send(poll[:2])
-    driver.client.forget_frame()
+    found, strays = codec.packets(driver.client.forget_frame())
+    timed_out = BoardExchange(poll[:2], found, strays)
+    if timed_out.is_sound and timed_out.codes[-1:] == ("TIMEOUT",):  # no late reply of before
+        driver.repeats(timed_out, "MN4-CMD-RTX-01")
     exchange = driver.ask("*")
     driver.tells(exchange.says(*PRESENT), "MN4-PKT-15", "a poll's reply", exchange)
 

@@ -132,7 +132,7 @@ def hold_stays_on_after_a_release(session: Session) -> None:
     _hold_off(motion)
 
 
-@check("MN4-RSP-09", "MN4-CMD-K-01", "MN4-STM-08", safety=MOTION)
+@check("MN4-RSP-09", "MN4-CMD-K-01", "MN4-STM-08", "MN4-CMD-RTX-01", safety=MOTION)
 def with_a_move_pending_nothing_else_is_served(session: Session) -> None:
     """Reads, settings and a second move draw START and MOVEPENDING and have no effect: K runs the
     first move as it was asked for, and nothing behind it."""
@@ -147,6 +147,7 @@ def with_a_move_pending_nothing_else_is_served(session: Session) -> None:
         text = f";{1 - before}" if text == ";" else text
         name = "MN4-STM-08" if text[0] in "MA" else "MN4-RSP-09"
         driver.draws(text, ("START", "MOVEPENDING"), name)
+    driver.repeats(driver.ask("?"), "MN4-CMD-RTX-01")
     for letter, readings in (("Q", ("K&Q", "K&QH")), ("H0", ("K&QH",))):
         if driver.reading("movepending_exempt") not in readings:
             driver.draws(letter, ("START", "MOVEPENDING"), "MN4-RSP-09")

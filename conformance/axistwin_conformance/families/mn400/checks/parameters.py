@@ -228,11 +228,11 @@ def no_address_and_no_rate_beyond_those_there_are(session: Session) -> None:
     driver.draws(f"~{rate}", ("START", "BAUDCHANGEOK", *more), "MN4-CMD-BAUD-04")
 
 
-@check("MN4-PKT-14", "MN4-PKT-13", "MN4-ERR-03")
+@check("MN4-PKT-14", "MN4-PKT-13", "MN4-ERR-03", "MN4-CMD-RTX-01")
 @restoring("L")
 def a_payload_may_be_as_long_as_the_longest_command(session: Session) -> None:
-    """69 characters are looked at, 200 draw SLAVEBUFFOV, or one more than there is room for; a poll
-    works after both."""
+    """69 characters are looked at, 200 draw SLAVEBUFFOV, or one more than there is room for; & and
+    a poll work after both."""
     driver = BoardDriver(session)
     longest = "L" + "0" * 68
     exchange = driver.ask(longest)
@@ -242,4 +242,6 @@ def a_payload_may_be_as_long_as_the_longest_command(session: Session) -> None:
     exchange = driver.ask("L" + "1" * max(200, int(driver.reading("rx_payload_max"))))
     codes = driver.errors("SLAVEBUFFOV", is_recognised=False)
     driver.tells(exchange.says(*codes), "MN4-PKT-14", " and ".join(codes), exchange)
+    if exchange.is_sound:
+        driver.repeats(exchange, "MN4-CMD-RTX-01")
     driver.draws("*", PRESENT, "MN4-ERR-03")

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from fractions import Fraction
+from operator import sub
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.client import REPLY_LIMIT_S, BoardExchange
-from axistwin_conformance.families.mn400.driver import DATA, DONE, PRESENT, BoardDriver
+from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
 ORDER = 120  # of this module in a run; see `Family.modules`
@@ -17,9 +20,10 @@ STEPS: Final = 400  # of a move that is looked at while it runs
 MOVE_S: Final = 2
 LOOKS: Final = 12
 MOST_TAKEN: Final = 1024  # commands; where a queue or a contour ends that takes more stays open
-TURNED_AFTER: Final = 50  # commands of a queue: what goes on from 32, 64 or 256 on is seen
+MOST_ONE_WAY: Final = 400  # steps: three axes have room for more moves than are ever queued
 NO_END: Final = "{taken} commands are queued, and no end of it"
 QUEUE_S: Final = 40  # of a move behind which the queue is filled: about so many at 9600 baud
+SPARE_S: Final = 1  # by which a move lasts longer than it takes to fill the queue again
 
 
 def slow_board(
@@ -109,20 +113,38 @@ def in_motion_what_is_no_setting_of_motion_works_at_once(session: Session) -> No
     motion.follow("MN4-STM-02")
 
 
-def queued_step(number: int) -> int:
-    """What the move of that number in the queue goes: so many forward, and as many back."""
-    return 1 if number // TURNED_AFTER % 2 == 0 else -1
+def one_step(number: int, room: int, first: int = 2) -> tuple[int, int]:
+    """Axis and way of the move of that number among many of one step: three axes in turn, all
+    forward, so that each move that is lost is missed at the end; back where there is no room."""
+    one_way = 3 * max(1, min(room, MOST_ONE_WAY))
+    return first + number % 3, 1 if number // one_way % 2 == 0 else -1
 
 
-def judge_endless_queue(motion: BoardMotion, before: int, taken: int) -> None:
+def one_step_text(number: int, room: int, first: int = 2) -> str:
+    """The M of that move."""
+    axis, way = one_step(number, room, first)
+    return f"M{',' * (axis - 1)}{way}"
+
+
+def all_steps(count: int, room: int, first: int = 2) -> tuple[int, ...]:
+    """How far so many of these moves lead each axis."""
+    steps = [0] * AXES
+    for number in range(count):
+        axis, way = one_step(number, room, first)
+        steps[axis - 1] += way
+    return tuple(steps)
+
+
+def judge_endless_queue(motion: BoardMotion, before: Sequence[int], taken: int) -> None:
     """Whether what a queue has taken that has no end is carried out; its depth stays open."""
-    went = motion.rest()[1] - before
-    wanted = sum(queued_step(number) for number in range(taken))
+    went = tuple(map(sub, motion.rest()[1:], before[1:]))
+    wanted = all_steps(taken, motion.room)[1:]
     motion.session.expect(
         went == wanted,
         "MN4-STM-03",
-        f"axis 2 at {wanted:+} when {taken} queued moves of one step are over, or SLAVEBUFFOV",
-        f"{went:+}",
+        f"axes 2, 3 and 4 gone {wanted} when {taken} queued moves of one step are over, or"
+        " SLAVEBUFFOV",
+        went,
     )
     motion.session.skip(NO_END.format(taken=taken))
 
@@ -131,7 +153,7 @@ def fill_queue(motion: BoardMotion) -> tuple[int, BoardExchange]:
     """Behind a move that runs: how many moves the queue takes, `MOST_TAKEN` at most, and what the
     last request draws; the check or probe is left out if the move may end before that."""
     taken, until_s = 0, motion.ends[0] - 1
-    while (exchange := motion.driver.ask(f"M,{queued_step(taken)}")).codes == DONE:
+    while (exchange := motion.driver.ask(one_step_text(taken, motion.room))).codes == DONE:
         taken += 1
         if taken == MOST_TAKEN:
             break
@@ -141,6 +163,20 @@ def fill_queue(motion: BoardMotion) -> tuple[int, BoardExchange]:
     return taken, exchange
 
 
+def judge_each_place(session: Session, taken: int, seconds: float) -> None:
+    """Fill a queue of so many places again, which takes so long, and let it all run: each move that
+    was taken has led on."""
+    motion, steps = slow_board(session, seconds + SPARE_S)
+    motion.do(f"M{steps}", "MN4-STM-01")
+    for number in range(taken):
+        motion.driver.draws(one_step_text(number, motion.room), DONE, "MN4-STM-03")
+    motion.wait_until(motion.ends[1] + Fraction(taken, motion.model.settings.speed))
+    place = motion.rest()
+    wanted = steps, *all_steps(taken, motion.room)[1:]
+    told = f"{wanted} when M{steps} and {taken} moves of axes 2, 3 and 4 by one step are over"
+    session.expect(place == wanted, "MN4-STM-01", told, place, "all of which were taken")
+
+
 def empty_queue(motion: BoardMotion, taken: int) -> None:
     """Behind a Q: end so many moves one by one where Q ends but the one that runs (MN4-AMB-62)."""
     if motion.driver.reading("quit_flushes_queue") == "false":
@@ -148,15 +184,18 @@ def empty_queue(motion: BoardMotion, taken: int) -> None:
             motion.driver.ask("Q")
 
 
-@check("MN4-STM-03", safety=MOTION)
+@check("MN4-STM-03", "MN4-STM-01", safety=MOTION)
 def a_full_queue_is_told(session: Session) -> None:
     """Behind a move as many commands are taken as the queue holds; the next draws START and
-    SLAVEBUFFOV and is lost.  Where that does not come, all that was taken is carried out."""
+    SLAVEBUFFOV and is lost, and none of the others is.  Where that does not come, all that was
+    taken is carried out."""
     motion, steps = slow_board(session, QUEUE_S)
     driver = motion.driver
-    before = driver.position()[1]
+    before = driver.position()
     motion.do(f"M{steps}", "MN4-STM-03")
+    began = motion.now[0]
     taken, exchange = fill_queue(motion)
+    seconds = float(motion.now[1] - began)
     if taken == MOST_TAKEN:
         judge_endless_queue(motion, before, taken)
     codes = driver.errors("SLAVEBUFFOV")
@@ -165,6 +204,7 @@ def a_full_queue_is_told(session: Session) -> None:
     driver.draws("Q", DONE, "MN4-STM-03")
     empty_queue(motion, taken)
     motion.stays("MN4-STM-03")
+    judge_each_place(session, taken, seconds)
 
 
 @check("MN4-CMD-RTX-03", safety=MOTION)
