@@ -38,16 +38,20 @@ def texts(data: bytes) -> tuple[str, ...]:
 def _texts(data: bytes) -> Iterator[str]:
     """What stands behind each address; a sum that was sent there begins no command by itself, but a
     board that has lost its place may take it for one."""
-    for match in PAYLOADS.finditer(data):
+    *_, last = matches = [*PAYLOADS.finditer(data)] or [None]
+    for match in filter(None, matches):
         text = match[1].decode("latin-1")
-        if match.end() == len(data) and len(text) == 1 and _is_sum(data):
+        if match is last and match.end() == len(data) and len(text) == 1 and _ends_packet(data):
             continue
         yield text
 
 
-def _is_sum(data: bytes) -> bool:
-    """True if the last byte is the sum of one whole packet that these bytes are."""
-    return codec.packet_end(data) == len(data)
+def _ends_packet(data: bytes) -> bool:
+    """True if the last byte is the sum of a whole packet that begins with the last but one address
+    in these bytes: what was sent before it, is no part of it."""
+    *_, opening, closing = [-1, -1, *(at for at, byte in enumerate(data) if byte > 0x7F)]
+    begun = data[opening:] if opening >= 0 else b""
+    return closing == len(data) - 2 and codec.packet_end(begun) == len(begun) > 0
 
 
 def danger(text: str, board: int, rate: int) -> str:
