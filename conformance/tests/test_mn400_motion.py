@@ -89,6 +89,7 @@ WRONG: dict[str, tuple[Make, str]] = {
     "coordinates_are_those_of_the_mode": (hears(("I1", "I0")), "MN4-CMD-M-02"),
     "moves_take_the_time_of_their_profile": (hears(("V1500", "V1450")), "MN4-CMD-V-01"),
     "speed_is_that_of_the_axis_that_goes_farthest": (hears(("X4", "V1900")), "MN4-MOT-01"),
+    "a_multiplex_leaves_every_motion_its_time": (hears(("X4", "V700")), "MN4-MOT-05"),
     "the_slowest_and_the_fastest_rate_are_kept": (hears(("V2", "V3")), "MN4-MOT-02"),
     "a_move_keeps_the_settings_of_its_time": (hears(("I1", "|")), "MN4-CMD-I-04"),
     "what_is_refused_moves_nothing": (lambda: AlteredTwin(ignores_sums=True), "MN4-PKT-05"),

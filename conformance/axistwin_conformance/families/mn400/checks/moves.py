@@ -44,6 +44,13 @@ REFUSED: Final = (
 )  # fmt: skip
 REFUSED_STEPS: Final = 400
 FAR_UP: Final = 2_147_483_640
+# What no multiplex makes slower, and whose time that is: a multiplex, what is set, a motion.
+MULTIPLEXED: Final = (
+    (2, (), ("A-150,0,-300,0,1",), "MN4-CMD-A-05"), (4, (), ("A0,150,150,150,-1",), "MN4-CMD-A-05"),
+    (4, (), ("+-50,0,-100,0,1,60,1",), "MN4-CMD-HEL-01"),
+    (4, (), ("(", "M200,-100", "M200,-100,30", ")"), "MN4-CMD-CC-05"),
+    (2, ("B100,100,0,0",), ("M-200,-150",), "MN4-BKL-01"),
+)  # fmt: skip
 
 
 def typed(displacements: tuple[int, ...]) -> str:
@@ -166,6 +173,21 @@ def speed_is_that_of_the_axis_that_goes_farthest(session: Session) -> None:
     motion.do("M60000,60000", "MN4-CMD-M-01")
     rows = motion.follow("MN4-MOT-04")
     session.expect(bool(rows), "MN4-MOT-04", "50000 steps/s", rows)
+
+
+@check("MN4-MOT-05", "MN4-CMD-A-05", "MN4-CMD-HEL-01", "MN4-CMD-CC-05", "MN4-BKL-01",
+       safety=MOTION)  # fmt: skip
+def a_multiplex_leaves_every_motion_its_time(session: Session) -> None:
+    """It is the resolution of linear interpolation: an arc, a helix, a contour and a compensation
+    of backlash take as long with it as without."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(400, "these motions")
+    for multiplex, settings, (*before, text), requirement in MULTIPLEXED:
+        motion.ready(f"X{multiplex}", *settings, speed=800)
+        for one in before:
+            motion.do(one, requirement)
+        names = (requirement, "MN4-MOT-05")
+        motion.run(text, requirement, names, requirement, names, samples=4)
 
 
 @check("MN4-MOT-02", safety=MOTION)
