@@ -121,6 +121,9 @@ WRONG: dict[str, tuple[Make, str]] = {
     "the_longest_request_is_served": (replies("+", 0x15), "MN4-PKT-13"),
     "the_example_takes_the_time_of_its_margin": (hears(("(50", "(")), "MN4-CC-04"),
     "a_contour_waits_until_it_is_closed": (hears(("(", "|")), "MN4-CMD-CC-02"),
+    "a_contour_that_waits_begins_where_what_is_before_it_ends": (
+        hears(("M280,-20", "M270,-20")), "MN4-CC-01",
+    ),
     "a_straight_way_in_pieces_takes_no_longer": (
         hears(("M200,-100", "M200,-101")), "MN4-CC-02",
     ),

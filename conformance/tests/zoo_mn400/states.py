@@ -7,7 +7,7 @@ from typing import Any
 
 from axistwin.devices.mn400.commands import ContourEntry, Interpreter
 from axistwin.devices.mn400.mover import Mover
-from axistwin.devices.mn400.orders import MotionOrder
+from axistwin.devices.mn400.orders import MotionOrder, StoredSegment
 from zoo_mn400.planting import (
     Any_,
     BoardState,
@@ -130,6 +130,25 @@ def quit_leaves_segments_for_the_next_contour(patch: MonkeyPatch) -> None:
 
     commands(patch, "(", begin)
     commands(patch, "Q", leave)
+
+
+@board_mutant("MN4-CC-01", "MN4-CMD-M-02", "MN4-STM-01")
+def a_contour_that_waits_begins_where_it_was_opened(patch: MonkeyPatch) -> None:
+    """In absolute mode its first segment is planned from where the counters were at (."""
+
+    def begin(go: Any_, one: Interpreter, line: Any, given: Any) -> None:
+        go()
+        one.opened_at = one._mover.position_at(line.now)  # type: ignore[attr-defined]
+
+    def end(go: Any_, one: Interpreter, *more: Any) -> MotionOrder:
+        order: MotionOrder = go()
+        path = order.path(one.opened_at)  # type: ignore[attr-defined]
+        segments = tuple(StoredSegment(each.displacement, each.speed) for each in path)
+        settings = replace(order.settings, is_absolute=False)
+        return replace(order, settings=settings, segments=segments)
+
+    commands(patch, "(", begin)
+    around(patch, Interpreter, "_contour_order", end)
 
 
 @board_mutant("MN4-CMD-CC-07")
