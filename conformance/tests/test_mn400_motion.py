@@ -94,6 +94,7 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_move_keeps_the_settings_of_its_time": (hears(("I1", "|")), "MN4-CMD-I-04"),
     "what_is_refused_moves_nothing": (lambda: AlteredTwin(ignores_sums=True), "MN4-PKT-05"),
     "what_is_refused_sets_nothing": (hears(("V200000", "V2000")), "MN4-ERR-02"),
+    "what_a_setting_leaves_out_is_as_it_was": (hears(("F700", "F700,5000")), "MN4-PAR-09"),
     "a_positive_speed_ends_external_sync": (hears(("V2000", "V1900")), "MN4-SYN-02"),
     "arcs_run_on_their_circle": (hears(("A400,0,400,400,1", "A400,0,400,400,-1")), "MN4-ARC-01"),
     "a_clockwise_half_circle_goes_below": (

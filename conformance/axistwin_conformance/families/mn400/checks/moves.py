@@ -43,6 +43,10 @@ REFUSED: Final = (
     ("F2000,1000,1000", 2000, RAMPED),
 )  # fmt: skip
 REFUSED_STEPS: Final = 400
+# A profile, what F then says of it in part, and how far a move goes that reaches its end speed.
+LEFT_OUT_PROFILE: Final = (500, 3000, 8000)
+LEFT_OUT_OF_F: Final = ("F,2500", "F700", "F,,6000", "F,,")
+LEFT_OUT_STEPS: Final = 1600
 FAR_UP: Final = 2_147_483_640
 # What no multiplex makes slower, and whose time that is: a multiplex, what is set, a motion.
 MULTIPLEXED: Final = (
@@ -150,6 +154,37 @@ def what_is_refused_sets_nothing(session: Session) -> None:
         motion.driver.draws(text, motion.driver.errors("PARA_ERROR"), "MN4-ERR-02")
         for by in (REFUSED_STEPS, -REFUSED_STEPS):
             motion.run(f"M{by}", "MN4-ERR-02", samples=4)
+
+
+@check("MN4-PAR-09", safety=MOTION)
+def what_a_setting_leaves_out_is_as_it_was(session: Session) -> None:
+    """Of F, B, D and P: moves behind it are those of the values set before, none of which is that
+    of power-on; or of 0 steps of backlash, if this board reads so what is left out
+    (MN4-AMB-49)."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(LEFT_OUT_STEPS, "these moves")
+    motion.needs_speed(LEFT_OUT_PROFILE[1], "these moves")
+    for text in LEFT_OUT_OF_F:
+        motion.ready(speed=4000, profile=LEFT_OUT_PROFILE)
+        if _is_left_out(motion, text):
+            motion.run(f"M{LEFT_OUT_STEPS}", "MN4-PAR-09", samples=4)
+    motion.ready("B120,100,80,60", "D-1,-1,-1,-1", speed=500)
+    for text in ("B,90", "D,,1"):
+        _is_left_out(motion, text)
+    for text in ("M30", "M,30", "M,,30", "M,,,30"):
+        motion.run(text, "MN4-PAR-09")
+    if motion.driver.reading("omitted_param") == "keep":
+        motion.ready(motion.plane(2, 1, 4))
+        motion.do(motion.plane(1, 2), "MN4-PAR-09")
+        motion.run("+-50,0,-100,0,1,-60,0", "MN4-PAR-09")
+
+
+def _is_left_out(motion: BoardMotion, text: str) -> bool:
+    """Set something but in part, unless this board refuses that (MN4-AMB-49)."""
+    is_served = motion.driver.refusal_of(text) is None
+    if is_served:
+        motion.do(text, "MN4-PAR-09")
+    return is_served
 
 
 @check("MN4-MOT-01", "MN4-MOT-04", "MN4-MOT-05", "MN4-CMD-M-01", safety=MOTION)
