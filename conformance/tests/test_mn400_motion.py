@@ -136,6 +136,7 @@ WRONG: dict[str, tuple[Make, str]] = {
     "pauses_anywhere_lose_no_step": (hears(("}", "Q")), "MN4-PAU-03"),
     "pauses_end_as_they_should": (is_read_as(pause_idle="latch"), "MN4-CMD-PAU-04"),
     "quit_stops_and_forgets": (is_read_as(quit_flushes_queue="false"), "MN4-CMD-Q-02"),
+    "quit_leaves_nothing_of_what_it_drops": (hears(("M40,0,20", "M40,0,21")), "MN4-QUIT-02"),
     "reads_in_motion_tell_of_the_present": (says("/", lambda told: [2]), "MN4-CMD-EXIT-02"),
     "a_turn_costs_the_steps_of_the_backlash": (hears(("D-1,1,1,1", "D1,1,1,1")), "MN4-CMD-D-02"),
     "a_move_begins_from_rest_behind_its_compensation": (
@@ -143,6 +144,8 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_contour_begins_from_rest_behind_its_compensation": (
         hears(("B100*", "B150*")), "MN4-BKL-07"),
     "the_memory_is_of_the_last_motion": (hears(("L5,5,5,5", "D1,-1,1,1")), "MN4-CMD-L-03"),
+    "what_quit_drops_is_not_remembered": (
+        hears(("M40,40,40,40", "M40,40,40,41")), "MN4-BKL-02"),
     "arcs_and_contours_are_compensated_before_they_begin": (
         hears(("A-300,-300,-600,-600,1", "A-300,-300,-600,-600,-1")), "MN4-BKL-06",
     ),

@@ -448,7 +448,7 @@ class BoardModel:
     def _run(self, motion: PlannedMotion | None, now: Span) -> None:
         if motion is not None:
             self.was_aborted = False
-            self.timeline.add(motion, now)
+            self.timeline.add(motion, now, self.settings.backlash.memory)
 
     def _release(self, now: Span) -> None:
         held, self.pending = self.pending, None
@@ -499,6 +499,10 @@ class BoardModel:
         self.is_paused = self.is_running = False
         self.pending = None  # only a board that serves Q meanwhile comes here (MN4-AMB-16)
         flushes = self.reading("quit_flushes_queue") == "true"
+        rows = self.timeline.motions or self.timeline.held
+        if rows and flushes:  # what never moved is not remembered (MN4-BKL-02)
+            backlash = replace(self.settings.backlash, memory=rows[0].memory)
+            self.settings = replace(self.settings, backlash=backlash)
         self.timeline.stop(now, flushes=flushes)
 
     # --- what it tells ----------------------------------------------------------------------------
