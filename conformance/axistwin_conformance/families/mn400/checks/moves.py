@@ -53,7 +53,7 @@ MULTIPLEXED: Final = (
     (2, (), ("A-150,0,-300,0,1",), "MN4-CMD-A-05"), (4, (), ("A0,150,150,150,-1",), "MN4-CMD-A-05"),
     (4, (), ("+-50,0,-100,0,1,60,1",), "MN4-CMD-HEL-01"),
     (4, (), ("(", "M200,-100", "M200,-100,30", ")"), "MN4-CMD-CC-05"),
-    (2, ("B100,100,0,0",), ("M-200,-150",), "MN4-BKL-01"),
+    (2, ("V50", "B10,10,0,0"), ("M-20,-15",), "MN4-BKL-01"),
 )  # fmt: skip
 
 
@@ -168,10 +168,10 @@ def what_a_setting_leaves_out_is_as_it_was(session: Session) -> None:
         motion.ready(speed=4000, profile=LEFT_OUT_PROFILE)
         if _is_left_out(motion, text):
             motion.run(f"M{LEFT_OUT_STEPS}", "MN4-PAR-09", samples=4)
-    motion.ready("B120,100,80,60", "D-1,-1,-1,-1", speed=500)
-    for text in ("B,90", "D,,1"):
+    motion.ready("B12,10,8,6", "D-1,-1,-1,-1", speed=50)  # what may be taken up adds up
+    for text in ("B,9", "D,,1"):
         _is_left_out(motion, text)
-    for text in ("M30", "M,30", "M,,30", "M,,,30"):
+    for text in ("M8", "M,8", "M,,8", "M,,,8"):
         motion.run(text, "MN4-PAR-09")
     if motion.driver.reading("omitted_param") == "keep":
         motion.ready(motion.plane(2, 1, 4))
