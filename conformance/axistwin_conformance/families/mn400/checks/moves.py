@@ -202,7 +202,8 @@ def speed_is_that_of_the_axis_that_goes_farthest(session: Session) -> None:
         return
     motion.ready("X2", speed=60_000, profile=(50_000, 60_000, 1_000_000))
     if motion.driver.reading("multiplex_cap") == "error":
-        motion.driver.draws("M60000,60000", ("START", "PARA_ERROR"), "MN4-MOT-04")
+        refused = motion.driver.errors("PARA_ERROR")
+        motion.driver.draws("M60000,60000", refused, "MN4-MOT-04")
         motion.stays("MN4-MOT-04")
         return
     motion.do("M60000,60000", "MN4-CMD-M-01")
