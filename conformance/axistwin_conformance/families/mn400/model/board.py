@@ -397,7 +397,9 @@ class BoardModel:
         if not contour.plans:
             return None
         rows = [one.displacements for one in contour.segments]
-        motion = ContourMotion(contour, is_early=self._is_early)
+        # With a multiplex any of the ticks of a step may make it (MN4-AMB-65).
+        is_early = self._is_early or self.settings.multiplex > 1
+        motion = ContourMotion(contour, is_early=is_early)
         return self._compensated(motion, _first_moves(rows), _first_moves(rows[::-1]))
 
     @property
