@@ -286,6 +286,14 @@ def test_backlash_delays_a_move_and_does_not_count() -> None:
     assert model.settings.backlash.memory == (-1, 1, 1, 1)
 
 
+def test_what_quit_drops_is_not_remembered() -> None:
+    """The direction of the move that ran is, that of the one behind it is not (MN4-BKL-02)."""
+    for readings, memory in (({}, (-1, 1, 1, 1)), ({"quit_flushes_queue": "false"}, (1, -1, 1, 1))):
+        model = after("V500", "M-500", "M1,-50", **readings)
+        model.accept("Q", now(0.1))
+        assert model.settings.backlash.memory == memory
+
+
 def test_without_pulses_nothing_moves() -> None:
     """V-1, M5 waits, and Q ends that."""
     model = after("V-1", "M5")

@@ -89,10 +89,12 @@ WRONG: dict[str, tuple[Make, str]] = {
     "coordinates_are_those_of_the_mode": (hears(("I1", "I0")), "MN4-CMD-M-02"),
     "moves_take_the_time_of_their_profile": (hears(("V1500", "V1450")), "MN4-CMD-V-01"),
     "speed_is_that_of_the_axis_that_goes_farthest": (hears(("X4", "V1900")), "MN4-MOT-01"),
+    "a_multiplex_leaves_every_motion_its_time": (hears(("X4", "V700")), "MN4-MOT-05"),
     "the_slowest_and_the_fastest_rate_are_kept": (hears(("V2", "V3")), "MN4-MOT-02"),
     "a_move_keeps_the_settings_of_its_time": (hears(("I1", "|")), "MN4-CMD-I-04"),
     "what_is_refused_moves_nothing": (lambda: AlteredTwin(ignores_sums=True), "MN4-PKT-05"),
     "what_is_refused_sets_nothing": (hears(("V200000", "V2000")), "MN4-ERR-02"),
+    "what_a_setting_leaves_out_is_as_it_was": (hears(("F700", "F700,5000")), "MN4-PAR-09"),
     "a_positive_speed_ends_external_sync": (hears(("V2000", "V1900")), "MN4-SYN-02"),
     "arcs_run_on_their_circle": (hears(("A400,0,400,400,1", "A400,0,400,400,-1")), "MN4-ARC-01"),
     "a_clockwise_half_circle_goes_below": (
@@ -120,6 +122,9 @@ WRONG: dict[str, tuple[Make, str]] = {
     "the_longest_request_is_served": (replies("+", 0x15), "MN4-PKT-13"),
     "the_example_takes_the_time_of_its_margin": (hears(("(50", "(")), "MN4-CC-04"),
     "a_contour_waits_until_it_is_closed": (hears(("(", "|")), "MN4-CMD-CC-02"),
+    "a_contour_that_waits_begins_where_what_is_before_it_ends": (
+        hears(("M280,-20", "M270,-20")), "MN4-CC-01",
+    ),
     "a_straight_way_in_pieces_takes_no_longer": (
         hears(("M200,-100", "M200,-101")), "MN4-CC-02",
     ),
@@ -132,6 +137,7 @@ WRONG: dict[str, tuple[Make, str]] = {
     "pauses_anywhere_lose_no_step": (hears(("}", "Q")), "MN4-PAU-03"),
     "pauses_end_as_they_should": (is_read_as(pause_idle="latch"), "MN4-CMD-PAU-04"),
     "quit_stops_and_forgets": (is_read_as(quit_flushes_queue="false"), "MN4-CMD-Q-02"),
+    "quit_leaves_nothing_of_what_it_drops": (hears(("M40,0,20", "M40,0,21")), "MN4-QUIT-02"),
     "reads_in_motion_tell_of_the_present": (says("/", lambda told: [2]), "MN4-CMD-EXIT-02"),
     "a_turn_costs_the_steps_of_the_backlash": (hears(("D-1,1,1,1", "D1,1,1,1")), "MN4-CMD-D-02"),
     "a_move_begins_from_rest_behind_its_compensation": (
@@ -139,6 +145,8 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_contour_begins_from_rest_behind_its_compensation": (
         hears(("B100*", "B150*")), "MN4-BKL-07"),
     "the_memory_is_of_the_last_motion": (hears(("L5,5,5,5", "D1,-1,1,1")), "MN4-CMD-L-03"),
+    "what_quit_drops_is_not_remembered": (
+        hears(("M40,40,40,40", "M40,40,40,41")), "MN4-BKL-02"),
     "arcs_and_contours_are_compensated_before_they_begin": (
         hears(("A-300,-300,-600,-600,1", "A-300,-300,-600,-600,-1")), "MN4-BKL-06",
     ),

@@ -313,6 +313,53 @@ def a_multiplex_slows_a_move(patch: MonkeyPatch) -> None:
     plans(patch, "straight", act)
 
 
+def _slower(settings: MoveSettings, speed: int) -> int:
+    """A speed, divided by the multiplex; external sync as it is."""
+    return speed if speed < 0 else max(2, speed // settings.multiplex)
+
+
+@board_mutant("MN4-MOT-05", "MN4-CMD-A-05")
+def a_multiplex_slows_an_arc(patch: MonkeyPatch) -> None:
+    """With X2 A takes twice its time."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, *rest: Any) -> Any:
+        return go(now, replace(settings, speed=_slower(settings, settings.speed)), *rest)
+
+    plans(patch, "arc", act)
+
+
+@board_mutant("MN4-MOT-05", "MN4-CMD-HEL-01")
+def a_multiplex_hastens_a_helix(patch: MonkeyPatch) -> None:
+    """With X2 + takes half its time."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, *rest: Any) -> Any:
+        return go(now, replace(settings, speed=settings.speed * settings.multiplex), *rest)
+
+    plans(patch, "helix", act)
+
+
+@board_mutant("MN4-MOT-05", "MN4-CMD-CC-05")
+def a_multiplex_slows_a_contour(patch: MonkeyPatch) -> None:
+    """With X2 each segment runs at half its speed."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, segments: Any, margin: int) -> Any:
+        slow = [one._replace(speed=_slower(settings, one.speed)) for one in segments]
+        return go(now, settings, slow, margin)
+
+    plans(patch, "contour", act)
+
+
+@board_mutant("MN4-MOT-05", "MN4-BKL-01")
+def a_multiplex_slows_a_compensation(patch: MonkeyPatch) -> None:
+    """With X2 backlash is taken up at half the speed."""
+    make = moves.compensation
+
+    def act(settings: MoveSettings, *given: Any) -> Any:
+        return make(replace(settings, speed=_slower(settings, settings.speed)), *given)
+
+    patch.setattr(moves, "compensation", act)
+
+
 @board_mutant("MN4-MOT-11")
 def short_moves_run_at_their_top_speed(patch: MonkeyPatch) -> None:
     """A move too short for its ramps has none."""

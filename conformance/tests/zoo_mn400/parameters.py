@@ -384,3 +384,29 @@ def backlash_has_eight_bits(patch: MonkeyPatch) -> None:
     settles(
         patch, "B", lambda after, _: replace(after, lash=tuple(one & 0xFF for one in after.lash))
     )
+
+
+def _defaults(letter: str, text: str, *values: int) -> Any:
+    """A mutant that takes the power-on value for what a setting leaves out."""
+
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        rows = zip(given, values, strict=True)
+        return go(tuple(usual if value is None else value for value, usual in rows))
+
+    def alter(patch: MonkeyPatch) -> None:
+        commands(patch, letter, act)
+
+    alter.__name__, alter.__doc__ = text.replace(" ", "_"), f"{text[0].upper()}{text[1:]}."
+    return board_mutant("MN4-PAR-09")(alter)
+
+
+a_profile_that_leaves_a_value_out_resets_it = _defaults(
+    "F", "a profile that leaves a value out resets it", 1000, 5000, 10_000
+)
+backlash_that_is_left_out_is_none = _defaults("B", "backlash that is left out is none", 0, 0, 0, 0)
+a_direction_that_is_left_out_is_positive = _defaults(
+    "D", "a direction that is left out is positive", 1, 1, 1, 1
+)
+a_traverse_motor_that_is_left_out_is_motor_2 = _defaults(
+    "P", "a traverse motor that is left out is motor 2", 1, 3, 2
+)

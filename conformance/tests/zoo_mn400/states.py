@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from axistwin.devices.mn400.commands import ContourEntry, Interpreter
-from axistwin.devices.mn400.mover import Mover
-from axistwin.devices.mn400.orders import MotionOrder
+from axistwin.devices.mn400.mover import Mover, Waiting
+from axistwin.devices.mn400.orders import MotionOrder, MoveStart, StoredSegment
 from zoo_mn400.planting import (
     Any_,
     BoardState,
@@ -146,6 +146,25 @@ def every_16th_place_of_a_contour_loses_its_segment(patch: MonkeyPatch) -> None:
             contour.segments.pop()
 
     around(patch, Interpreter, "_buffer", act)
+
+
+@board_mutant("MN4-CC-01", "MN4-CMD-M-02", "MN4-STM-01")
+def a_contour_that_waits_begins_where_it_was_opened(patch: MonkeyPatch) -> None:
+    """In absolute mode its first segment is planned from where the counters were at (."""
+
+    def begin(go: Any_, one: Interpreter, line: Any, given: Any) -> None:
+        go()
+        one.opened_at = one._mover.position_at(line.now)  # type: ignore[attr-defined]
+
+    def end(go: Any_, one: Interpreter, *more: Any) -> MotionOrder:
+        order: MotionOrder = go()
+        path = order.path(one.opened_at)  # type: ignore[attr-defined]
+        segments = tuple(StoredSegment(each.displacement, each.speed) for each in path)
+        settings = replace(order.settings, is_absolute=False)
+        return replace(order, settings=settings, segments=segments)
+
+    commands(patch, "(", begin)
+    around(patch, Interpreter, "_contour_order", end)
 
 
 @board_mutant("MN4-CMD-CC-07")
@@ -312,3 +331,86 @@ def quit_counts_the_whole_move(patch: MonkeyPatch) -> None:
         mover._base = first, second, third, fourth
 
     around(patch, Mover, "quit", act)
+
+
+# --- what Q drops ---------------------------------------------------------------------------------
+
+
+def _flushes(patch: MonkeyPatch, act: Any_) -> None:
+    """Let `act(mover, now, dropped)` be done behind a Q that has dropped what waited."""
+
+    def quit_(go: Any_, mover: Mover, now: int) -> None:
+        dropped = list(mover.queue) if mover._quirks.quit_flushes_queue else []
+        go()
+        act(mover, now, dropped)
+
+    around(patch, Mover, "quit", quit_)
+
+
+@board_mutant("MN4-BKL-02")
+def a_motion_that_was_dropped_is_remembered(patch: MonkeyPatch) -> None:
+    """Behind Q each axis has the direction in which the motions that waited would have ended."""
+
+    def act(mover: Mover, now: int, dropped: Any) -> None:
+        for order in (one for one in dropped if isinstance(one, MotionOrder)):
+            start = MoveStart(now, mover.position_at(now), mover._memory, 1000)
+            motion = order.plan(start, mover.rules, mover._quirks)
+            assert motion.end_ns is not None
+            mover._memory = motion.lash_memory_at(motion.end_ns)
+
+    _flushes(patch, act)
+
+
+@board_mutant("MN4-CMD-Q-02")
+def loads_that_wait_are_done_by_quit(patch: MonkeyPatch) -> None:
+    """Q drops moves; an L that waits loads the counters."""
+
+    def act(mover: Mover, now: int, dropped: Any) -> None:
+        for one in dropped:
+            if isinstance(one, Waiting) and one.act is not None:
+                one.act(now)
+
+    _flushes(patch, act)
+
+
+@board_mutant("MN4-QUIT-02")
+def places_are_reached_from_the_end_of_what_was_dropped(patch: MonkeyPatch) -> None:
+    """In absolute mode the first move behind Q goes as from where the moves that waited led."""
+
+    def quit_(go: Any_, mover: Mover, now: int) -> None:
+        end = mover.expected(now)
+        is_dropped = any(isinstance(one, MotionOrder) for one in mover.queue)
+        go()
+        mover.planned = end if is_dropped else None  # type: ignore[attr-defined]
+
+    def begin(go: Any_, mover: Mover, now: int, order: MotionOrder) -> None:
+        planned, mover.planned = getattr(mover, "planned", None), None  # type: ignore[attr-defined]
+        if planned is not None and order.letter == "M":
+            settings = replace(order.settings, is_absolute=False)
+            order = replace(order, arguments=order.vector(planned), settings=settings)
+        go(now, order)
+
+    around(patch, Mover, "quit", quit_)
+    around(patch, Mover, "_begin", begin)
+
+
+@board_mutant("MN4-CMD-A-02", "MN4-QUIT-02")
+def an_arc_behind_quit_is_looked_at_from_where_the_move_was_to_end(patch: MonkeyPatch) -> None:
+    """Whether it is round, in absolute mode, behind a move that Q has ended."""
+
+    def quit_(go: Any_, mover: Mover, now: int) -> None:
+        end = mover.expected(now)
+        go()
+        mover.planned = end  # type: ignore[attr-defined]
+
+    def begin(go: Any_, mover: Mover, *given: Any) -> None:
+        mover.planned = None  # type: ignore[attr-defined]
+        go()
+
+    def expected(go: Any_, mover: Mover, now: int) -> Any:
+        planned = getattr(mover, "planned", None)
+        return go() if planned is None or mover.is_busy else planned
+
+    around(patch, Mover, "quit", quit_)
+    around(patch, Mover, "_begin", begin)
+    around(patch, Mover, "expected", expected)

@@ -6,6 +6,7 @@ from typing import Any
 
 from axistwin.devices.mn400.commands import Interpreter, Refusal
 from axistwin.devices.mn400.device import Mn400Board
+from axistwin.devices.mn400.grammar import ParameterError
 from axistwin.devices.mn400.link.packets import ReturnCode
 from axistwin.devices.mn400.link.ports import Origin
 from axistwin.devices.mn400.link.receiver import Flaw, Request
@@ -375,6 +376,48 @@ def a_configuration_does_not_move(patch: MonkeyPatch) -> None:
         return go(now, b"M" if is_move else payload, origin, *rest)
 
     around(patch, Interpreter, "obey", act)
+
+
+# --- lines that are no command --------------------------------------------------------------------
+
+
+@board_mutant("MN4-NVM-07")
+def a_bad_line_of_a_configuration_is_passed_over(patch: MonkeyPatch) -> None:
+    """X3 in it draws nothing at power-up."""
+
+    def act(go: Any_, one: Interpreter, now: int, payload: bytes, origin: Any, *rest: Any) -> Any:
+        answer = go()
+        is_bad = origin is Origin.CONFIG and answer.code is ReturnCode.PARA_ERROR
+        return answer._replace(parts=[]) if is_bad else answer
+
+    around(patch, Interpreter, "obey", act)
+
+
+@board_mutant("MN4-ERR-02")
+def a_bad_line_of_a_program_is_obeyed_in_part(patch: MonkeyPatch) -> None:
+    """Of M5,6x what stands before the comma is made."""
+
+    def act(go: Any_, one: Interpreter, line: Any, known: Any, how: Any) -> Any:
+        try:
+            return go()
+        except ParameterError:
+            if line.origin is not Origin.PROGRAM:
+                raise
+            return go(line._replace(text=line.text.partition(b",")[0]), known, how)
+
+    around(patch, Interpreter, "_treat", act)
+
+
+@board_mutant("MN4-NVM-02")
+def a_bad_line_is_answered_and_not_stored(patch: MonkeyPatch) -> None:
+    """M5,6x between Z and Ctrl-D draws START and DONE, and is not listed."""
+
+    def act(go: Any_, one: Interpreter, line: Any) -> Any:
+        if one.entry == "program" and line.text[-1:].isalpha():
+            return one._started(line, ReturnCode.DONE)
+        return go()
+
+    around(patch, Interpreter, "_store_line", act)
 
 
 # --- the supply -----------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
 ORDER = 160
@@ -18,6 +18,10 @@ FEW: Final = 40
 SLOW: Final = 500
 RAMPED: Final = (200, 4000, 10_000)  # start, end, acceleration: at neither of these speeds for long
 ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
+# What waits behind a move of axis 1 until Q drops it: a move, an arc and a contour by which each
+# axis would have turned round.
+DROPPED: Final = (("M-50,-50",), ("A-50,0,-50,-50,1",), ("(", "M-80,,,-60", "M-80,,,-60", ")"))
+CRAWL: Final = 50  # steps/s: at this one what is taken up may be little
 
 
 def begun(session: Session) -> BoardMotion:
@@ -87,6 +91,30 @@ def the_memory_is_of_the_last_motion(session: Session) -> None:
     motion.do("L5,5,5,5", "MN4-CMD-L-03")
     motion.run("M50,-50", "MN4-CMD-L-03")
     motion.run("M-50", "MN4-CMD-L-03")
+
+
+@check("MN4-BKL-02", safety=MOTION)
+def what_quit_drops_is_not_remembered(session: Session) -> None:
+    """Motions that have waited and never begun turn no axis: behind Q a move the way all axes went
+    before takes up no backlash."""
+    motion = begun(session)
+    if motion.driver.reading("quit_flushes_queue") == "false":
+        session.skip("Q of this board drops nothing (MN4-AMB-62)")
+    if int(motion.driver.reading("queue_depth")) < len(DROPPED):
+        session.skip("the queue of this board is too short (MN4-AMB-52)")
+    motion.ready("B10,10,10,10", speed=CRAWL)  # what may be taken up adds up
+    motion.do(f"M{4 * LASH}", "MN4-BKL-02")
+    for first, *others in DROPPED:
+        exchange = motion.driver.ask(first)
+        if first == "(" and not exchange.says(*DONE):
+            continue  # no contour is opened in motion here (ledger 4.1)
+        motion.driver.judge(exchange, DONE, "MN4-BKL-02")
+        motion.model.accept(first, motion.span(exchange))
+        for text in others:
+            motion.do(text, "MN4-BKL-02")
+    motion.do("Q", "MN4-BKL-02")
+    motion.rest()
+    motion.run(f"M{FEW},{FEW},{FEW},{FEW}", "MN4-BKL-02")
 
 
 @check("MN4-BKL-05", safety=MOTION)

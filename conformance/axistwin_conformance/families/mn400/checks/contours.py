@@ -22,6 +22,9 @@ EXAMPLE_LINES: Final = (
 )  # fmt: skip
 EXAMPLE_STEPS: Final = 2564  # along its longest axis
 PLANNED_S: Final = 1  # by which a board has made its plan of many segments, and moves
+# Places of two contours that wait, one behind the other.
+WAITING: Final = (("M350,-50", "M350,,60", "M280,-20"), ("M,30,60", "M220,,,-40"))
+QUEUED: Final = 4  # places that are taken behind the motion that runs
 SAME_SPEED: Final = Fraction(1, 20)  # s, by which one motion may be seen to differ from another
 
 
@@ -70,6 +73,31 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
         contour(motion, "(", ("M100,50", "M,-30,20", "M200,,,5", "M-40,10,10,10"))
         motion.do(")", "MN4-CMD-CC-02")
         motion.follow("MN4-CC-01")
+
+
+@check("MN4-CC-01", "MN4-CMD-M-02", "MN4-STM-01", safety=MOTION)
+def a_contour_that_waits_begins_where_what_is_before_it_ends(session: Session) -> None:
+    """In absolute mode, opened and closed while a move runs, and behind another one that waits: its
+    segments lead to their places, wherever the axes were meanwhile."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(400, "these contours")
+    if int(motion.driver.reading("queue_depth")) < QUEUED:
+        session.skip("the queue of this board is too short (MN4-AMB-52)")
+    if int(motion.driver.reading("cc_capacity")) < max(map(len, WAITING)):
+        session.skip("the contours of this board are too short (MN4-AMB-51)")
+    motion.ready(motion.mode(is_absolute=True), speed=500)
+    names = ("MN4-CC-01", "MN4-CMD-M-02", "MN4-STM-01")
+    motion.do("M300,-50", names)
+    for lines in WAITING:
+        opened = motion.driver.ask("(")
+        if not opened.says(*DONE):
+            motion.driver.ask("Q")
+            session.skip(f"no contour is opened in motion: ( draws {opened}")
+        motion.model.accept("(", motion.span(opened))
+        for line in (*lines, ")"):
+            motion.do(line, names)
+    motion.do("M200", names)
+    motion.follow(names, samples=10)
 
 
 @check("MN4-CC-02", "MN4-CMD-CC-05", safety=MOTION)

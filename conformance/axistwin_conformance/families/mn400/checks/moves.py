@@ -43,7 +43,18 @@ REFUSED: Final = (
     ("F2000,1000,1000", 2000, RAMPED),
 )  # fmt: skip
 REFUSED_STEPS: Final = 400
+# A profile, what F then says of it in part, and how far a move goes that reaches its end speed.
+LEFT_OUT_PROFILE: Final = (500, 3000, 8000)
+LEFT_OUT_OF_F: Final = ("F,2500", "F700", "F,,6000", "F,,")
+LEFT_OUT_STEPS: Final = 1600
 FAR_UP: Final = 2_147_483_640
+# What no multiplex makes slower, and whose time that is: a multiplex, what is set, a motion.
+MULTIPLEXED: Final = (
+    (2, (), ("A-150,0,-300,0,1",), "MN4-CMD-A-05"), (4, (), ("A0,150,150,150,-1",), "MN4-CMD-A-05"),
+    (4, (), ("+-50,0,-100,0,1,60,1",), "MN4-CMD-HEL-01"),
+    (4, (), ("(", "M200,-100", "M200,-100,30", ")"), "MN4-CMD-CC-05"),
+    (2, ("V50", "B10,10,0,0"), ("M-20,-15",), "MN4-BKL-01"),
+)  # fmt: skip
 
 
 def typed(displacements: tuple[int, ...]) -> str:
@@ -145,6 +156,37 @@ def what_is_refused_sets_nothing(session: Session) -> None:
             motion.run(f"M{by}", "MN4-ERR-02", samples=4)
 
 
+@check("MN4-PAR-09", safety=MOTION)
+def what_a_setting_leaves_out_is_as_it_was(session: Session) -> None:
+    """Of F, B, D and P: moves behind it are those of the values set before, none of which is that
+    of power-on; or of 0 steps of backlash, if this board reads so what is left out
+    (MN4-AMB-49)."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(LEFT_OUT_STEPS, "these moves")
+    motion.needs_speed(LEFT_OUT_PROFILE[1], "these moves")
+    for text in LEFT_OUT_OF_F:
+        motion.ready(speed=4000, profile=LEFT_OUT_PROFILE)
+        if _is_left_out(motion, text):
+            motion.run(f"M{LEFT_OUT_STEPS}", "MN4-PAR-09", samples=4)
+    motion.ready("B12,10,8,6", "D-1,-1,-1,-1", speed=50)  # what may be taken up adds up
+    for text in ("B,9", "D,,1"):
+        _is_left_out(motion, text)
+    for text in ("M8", "M,8", "M,,8", "M,,,8"):
+        motion.run(text, "MN4-PAR-09")
+    if motion.driver.reading("omitted_param") == "keep":
+        motion.ready(motion.plane(2, 1, 4))
+        motion.do(motion.plane(1, 2), "MN4-PAR-09")
+        motion.run("+-50,0,-100,0,1,-60,0", "MN4-PAR-09")
+
+
+def _is_left_out(motion: BoardMotion, text: str) -> bool:
+    """Set something but in part, unless this board refuses that (MN4-AMB-49)."""
+    is_served = motion.driver.refusal_of(text) is None
+    if is_served:
+        motion.do(text, "MN4-PAR-09")
+    return is_served
+
+
 @check("MN4-MOT-01", "MN4-MOT-04", "MN4-MOT-05", "MN4-CMD-M-01", safety=MOTION)
 def speed_is_that_of_the_axis_that_goes_farthest(session: Session) -> None:
     """A diagonal takes as long as its longest axis alone, at any multiplex."""
@@ -160,12 +202,28 @@ def speed_is_that_of_the_axis_that_goes_farthest(session: Session) -> None:
         return
     motion.ready("X2", speed=60_000, profile=(50_000, 60_000, 1_000_000))
     if motion.driver.reading("multiplex_cap") == "error":
-        motion.driver.draws("M60000,60000", ("START", "PARA_ERROR"), "MN4-MOT-04")
+        refused = motion.driver.errors("PARA_ERROR")
+        motion.driver.draws("M60000,60000", refused, "MN4-MOT-04")
         motion.stays("MN4-MOT-04")
         return
     motion.do("M60000,60000", "MN4-CMD-M-01")
     rows = motion.follow("MN4-MOT-04")
     session.expect(bool(rows), "MN4-MOT-04", "50000 steps/s", rows)
+
+
+@check("MN4-MOT-05", "MN4-CMD-A-05", "MN4-CMD-HEL-01", "MN4-CMD-CC-05", "MN4-BKL-01",
+       safety=MOTION)  # fmt: skip
+def a_multiplex_leaves_every_motion_its_time(session: Session) -> None:
+    """It is the resolution of linear interpolation: an arc, a helix, a contour and a compensation
+    of backlash take as long with it as without."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(400, "these motions")
+    for multiplex, settings, (*before, text), requirement in MULTIPLEXED:
+        motion.ready(f"X{multiplex}", *settings, speed=800)
+        for one in before:
+            motion.do(one, requirement)
+        names = (requirement, "MN4-MOT-05")
+        motion.run(text, requirement, names, requirement, names, samples=4)
 
 
 @check("MN4-MOT-02", safety=MOTION)

@@ -28,6 +28,7 @@ PAUSED: Final = (
     ("+-100,0,-200,0,-1,300,2", 0.7),
 )  # fmt: skip
 MOST_PAUSES: Final = 3
+WAITING: Final = ("M0,0,500", "L0,7,0,0")  # behind a move of axis 1; Q drops it
 
 
 def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[Halt, Halt]:
@@ -197,6 +198,34 @@ def quit_stops_and_forgets(session: Session) -> None:
         motion.run("M0,0,0,0", "MN4-QUIT-02")
         left = driver.steps_left()
         session.expect(left == (0,) * AXES, "MN4-CMD-N-02", "0, 0, 0, 0", left, "after a move")
+
+
+@check("MN4-CMD-Q-02", "MN4-QUIT-02", "MN4-CMD-A-02", safety=MOTION)
+def quit_leaves_nothing_of_what_it_drops(session: Session) -> None:
+    """A load that has waited is not done; the first move or arc in absolute mode begins where the
+    axes are, not where the motions were to end that Q has ended and dropped."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(900, "these moves")
+    if driver.reading("quit_flushes_queue") == "false":
+        session.skip("Q of this board drops nothing (MN4-AMB-62)")
+    if int(driver.reading("queue_depth")) < len(WAITING):
+        session.skip("the queue of this board is too short (MN4-AMB-52)")
+    # Counters that are loaded at once would tell no more where the axes are.
+    waiting = WAITING if driver.reading("queue_modal") == "true" else WAITING[:1]
+    for is_arc in (False, True):
+        motion.ready(speed=400)
+        for text in ("M800", *waiting, "Q"):
+            motion.do(text, "MN4-CMD-Q-02")
+        x, second, y, _ = motion.rest()
+        told_load = "0: Q has dropped the L that waited"
+        session.expect(second == 0, "MN4-CMD-Q-02", told_load, second, "counter of axis 2")
+        motion.do(motion.mode(is_absolute=True), "MN4-QUIT-02")
+        if is_arc:
+            text = f"A{x - 40},{y},{x - 80},{y},1"
+            motion.run(text, ("MN4-CMD-A-02", "MN4-QUIT-02"))
+        else:
+            motion.run("M40,0,20", "MN4-QUIT-02")
 
 
 def _judge_left(motion: BoardMotion, by: tuple[int, ...]) -> None:

@@ -11,7 +11,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.checks.destructive import FIXED
 from axistwin_conformance.families.mn400.checks.stored import judge_listing
-from axistwin_conformance.families.mn400.driver import AXES, PRESENT, BoardDriver
+from axistwin_conformance.families.mn400.driver import AXES, DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import BoardMotion
 from axistwin_conformance.families.mn400.persistence.address_recovery import (
     brought_back,
@@ -49,6 +49,10 @@ MOTION: Final = ("L0,0,0,0", PROFILE, "V100")
 UP_S: Final = 1.0  # by which a board should hear
 SETTLE_S: Final = 0.3  # a move of 6 steps takes 0.06 s, one behind a compensation 0.4 s
 AT_REST: Final = (0, 0, 0, 0)
+# A configuration with bad lines between these two, and the counters behind the first.
+FIRST_LINE: Final = "L1,2,3,4"
+LAST_LINE: Final = "V500"
+LOADED: Final = (1, 2, 3, 4)
 
 
 # --- what is kept ---------------------------------------------------------------------------------
@@ -258,6 +262,72 @@ def _judge_power_up(driver: BoardDriver, new: int, number: int) -> None:
         session.not_run("MN4-NVM-07", "switching the supply may put noise on the line")
     is_there_now = is_there(after, new)
     session.expect(is_there_now, ("MN4-NVM-05", "MN4-PWR-01"), f"an answer at id {new}", "none")
+
+
+@check("MN4-NVM-07", "MN4-NVM-05", "MN4-ERR-02", safety=UNREACHABLE, needs=ALONE)
+def a_bad_line_of_a_configuration_is_answered(session: Session) -> None:
+    """What is no command draws at power-up the error that it draws otherwise, and does nothing.
+    Whether the line behind it is carried out is told (MN4-AMB-54)."""
+    driver = BoardDriver(session)
+    with emptied_afterwards(driver), brought_back(driver, codec.IDS[0]):
+        replies = _enter_bad_lines(driver)
+        _to_rate(driver, codec.RATES[0])
+        switch_on(driver)
+        at_power_on = BoardDriver(session, codec.IDS[0])
+        raw = at_power_on.client.listen(UP_S + session.reply_timeout_s)
+        if session.target.is_lossless:
+            _judge_bad_lines(at_power_on, raw, replies)
+        else:
+            session.not_run("MN4-NVM-07", "switching the supply may put noise on the line")
+        session.step(serves_again(at_power_on), "a board that answers after power-up", "none")
+        position = at_power_on.position()
+        session.expect(position == LOADED, ("MN4-ERR-02", "MN4-NVM-05"), LOADED, position)
+
+
+def _enter_bad_lines(driver: BoardDriver) -> list[tuple[str, tuple[tuple[str, ...], ...]]]:
+    """Store a configuration with lines that are no commands; of each line that was taken its
+    letter, and what it may draw at power-up."""
+    is_unknown = driver.errors("INVALIDCOMMAND", is_recognised=False)
+    unknown = (is_unknown, driver.errors("INVALIDPROGCOMM"), driver.errors("INVALIDCOMMAND"))
+    wrong = (driver.errors("PARA_ERROR"),)
+    lines = (
+        (FIRST_LINE, (DONE,)),
+        ("X3", wrong),
+        ("L9,x", wrong),
+        ("W", unknown),
+        (LAST_LINE, (DONE,)),
+    )
+    driver.command(".")
+    try:
+        # Where a board finds out when a line is entered, it refuses it there.
+        return [(text[0], codes) for text, codes in lines if driver.ask(text).says(*DONE)]
+    finally:
+        driver.ask("Q")
+
+
+def _judge_bad_lines(
+    driver: BoardDriver, raw: bytes, replies: Sequence[tuple[str, Sequence[tuple[str, ...]]]]
+) -> None:
+    """Judge what was said at power-up, up to the first bad line, and further if it goes on."""
+    found, strays = codec.packets(raw)
+    wanted = " and ".join(f"{letter}: {', '.join(codes[0])}" for letter, codes in replies)
+    came = words.explain_reply(raw) or "nothing"
+    last, is_over = replies[-1], False
+    for letter, codes in replies[:-1]:
+        if is_over and not found:
+            break  # the bad line has ended the configuration
+        drawn = next((one for one in codes if _begins(found, letter, one)), None)
+        is_right = drawn is not None and not strays
+        driver.session.expect(is_right, "MN4-NVM-07", wanted, came, f"to {letter} at power-up")
+        found, is_over = found[len(drawn or ()) :], DONE not in codes
+    told = f"{wanted}: the line behind the bad ones carried out (MN4-AMB-54)"
+    driver.tells(_begins(found, last[0], DONE), "MN4-NVM-05", told, came)
+
+
+def _begins(found: Sequence[codec.BoardPacket], letter: str, codes: Sequence[str]) -> bool:
+    """True if the first of these packets are the answer to a command, and say that."""
+    first = found[: len(codes)]
+    return codec.codes_of(first) == tuple(codes) and {one.command for one in first} == {letter}
 
 
 @check("MN4-NVM-06", "MN4-NVM-05", safety=("motion", *UNREACHABLE), needs=ALONE)

@@ -37,6 +37,8 @@ ONE_BY_ONE: Final = (f"V{SLOW_SPEED}", f"M{STEPS}", f"M,{STEPS}")
 MOVE_S: Final = STEPS / SLOW_SPEED
 LATE_S: Final = 0.2  # what a board may take for a line of a program
 AT_REST: Final = (0, 0, 0, 0)
+BAD_LINE: Final = "M5,6x"
+LAST_LINE: Final = f"M,{STEPS}"
 
 
 # --- what is entered ------------------------------------------------------------------------------
@@ -202,6 +204,41 @@ def _judge_at(driver: BoardDriver, begun_ns: int, after_s: float, wanted: range)
     session.expect(
         steps in wanted, ("MN4-NVM-10", "MN4-CMD-U-01"), told, steps, f"{after_s:.2f} s after U"
     )
+
+
+@check("MN4-ERR-02", "MN4-NVM-02", "MN4-CMD-U-01", safety=RUNNING)
+@restoring("IVFL")
+def a_bad_line_of_a_program_does_nothing(session: Session) -> None:
+    """A move with a letter in a number is stored as sent, or refused at once; no axis moves by it
+    when the program comes to it.  Whether the program ends there is told (MN4-AMB-54)."""
+    driver = BoardDriver(session)
+    if driver.reading("program_replies") == "true":
+        session.skip("the replies of a running program fall into the reading of positions")
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
+    lines = [relative_mode(driver), f"V{FAST_SPEED}", f"M{STEPS}"]
+    with program_entry(driver):
+        for line in lines:
+            driver.command(line)
+        exchange = driver.ask(BAD_LINE)
+        is_stored = exchange.says(*DONE)
+        refused = [driver.errors(code) for code in ("PARA_ERROR", "INVALIDPROGCOMM")]
+        is_right = is_stored or exchange.codes in refused
+        session.step(is_right, "START and DONE, or a refusal", exchange.observed)
+        driver.command(LAST_LINE)
+        session.step(end_program(driver).says(*DONE), "START and DONE to Ctrl-D", "none")
+    judge_listing(driver, (*lines, *[BAD_LINE] * is_stored, LAST_LINE), ("MN4-NVM-02",))
+    driver.draws("U", DONE, "MN4-CMD-U-01")
+    driver.target.wait(2 * STEPS / FAST_SPEED + 5 * LATE_S)
+    position = driver.position()
+    whole, ended = (STEPS, STEPS, 0, 0), (STEPS, 0, 0, 0)
+    told = f"{ended} or {whole}, whatever stands in {BAD_LINE}"
+    session.expect(position in (ended, whole), "MN4-ERR-02", told, position, "behind the program")
+    if is_stored:
+        told = f"the program at its end with {BAD_LINE} (MN4-AMB-54)"
+        driver.tells(position == ended, "MN4-CMD-U-01", told, position)
+    else:
+        session.expect(position == whole, "MN4-CMD-U-01", whole, position, "behind the program")
 
 
 @check("MN4-NVM-13", "MN4-RSP-14", safety=RUNNING)

@@ -397,7 +397,9 @@ class BoardModel:
         if not contour.plans:
             return None
         rows = [one.displacements for one in contour.segments]
-        motion = ContourMotion(contour, is_early=self._is_early)
+        # With a multiplex any of the ticks of a step may make it (MN4-AMB-65).
+        is_early = self._is_early or self.settings.multiplex > 1
+        motion = ContourMotion(contour, is_early=is_early)
         return self._compensated(motion, _first_moves(rows), _first_moves(rows[::-1]))
 
     @property
@@ -448,7 +450,7 @@ class BoardModel:
     def _run(self, motion: PlannedMotion | None, now: Span) -> None:
         if motion is not None:
             self.was_aborted = False
-            self.timeline.add(motion, now)
+            self.timeline.add(motion, now, self.settings.backlash.memory)
 
     def _release(self, now: Span) -> None:
         held, self.pending = self.pending, None
@@ -499,6 +501,10 @@ class BoardModel:
         self.is_paused = self.is_running = False
         self.pending = None  # only a board that serves Q meanwhile comes here (MN4-AMB-16)
         flushes = self.reading("quit_flushes_queue") == "true"
+        rows = self.timeline.motions or self.timeline.held
+        if rows and flushes:  # what never moved is not remembered (MN4-BKL-02)
+            backlash = replace(self.settings.backlash, memory=rows[0].memory)
+            self.settings = replace(self.settings, backlash=backlash)
         self.timeline.stop(now, flushes=flushes)
 
     # --- what it tells ----------------------------------------------------------------------------

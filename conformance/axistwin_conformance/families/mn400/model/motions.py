@@ -215,12 +215,14 @@ def hull(*places: Place) -> Place:
 
 @dataclass(frozen=True, slots=True)
 class ScheduledMotion:
-    """A motion with the window in which it begins, from where, and where it leads."""
+    """A motion with the window in which it begins, from where, and where it leads; `memory`: the
+    directions that are remembered behind it (MN4-BKL-02)."""
 
     motion: PlannedMotion
     begins: Span
     base: Place
     end: Place
+    memory: tuple[int, ...] = ()
 
     @property
     def ends(self) -> Span:
@@ -258,11 +260,13 @@ class MotionTimeline:
         """When all is over; None: nothing moves."""
         return self.motions[-1].ends if self.motions else None
 
-    def add(self, motion: PlannedMotion, accepted: Span) -> ScheduledMotion:
+    def add(
+        self, motion: PlannedMotion, accepted: Span, memory: tuple[int, ...] = ()
+    ) -> ScheduledMotion:
         """A motion was accepted at some time of this span; it begins behind all others."""
         if self.held:  # it waits behind what is paused (MN4-PAU-04)
             end = added(self.end, exactly(motion.displacements))
-            scheduled = ScheduledMotion(motion, accepted, self.end, end)
+            scheduled = ScheduledMotion(motion, accepted, self.end, end, memory)
             self.held.append(scheduled)
             return scheduled
         before = self.ends
@@ -271,7 +275,7 @@ class MotionTimeline:
         else:
             accepted = max(accepted[0], before[0]), max(accepted[1], before[1])
         end = added(self.end, exactly(motion.displacements))
-        scheduled = ScheduledMotion(motion, accepted, self.end, end)
+        scheduled = ScheduledMotion(motion, accepted, self.end, end, memory)
         self.motions.append(scheduled)
         return scheduled
 
@@ -324,7 +328,7 @@ class MotionTimeline:
                 ends = self.motions[-1].ends
                 begins = max(now[0], ends[0]), max(now[1], ends[1])
             base = one.base if index else self.place
-            self.motions.append(ScheduledMotion(motion, begins, base, one.end))
+            self.motions.append(replace(one, motion=motion, begins=begins, base=base))
 
     def stop(self, now: Span, place: Place | None = None, *, flushes: bool = True) -> None:
         """All motion ends and the queue is empty, at some time of this span (MN4-CMD-Q-02); or what
@@ -334,7 +338,7 @@ class MotionTimeline:
         self.motions.clear()
         self.held.clear()
         for one in () if flushes else waiting:
-            self.add(one.motion, now)
+            self.add(one.motion, now, one.memory)
 
     def shift(self, before: Place, after: Place) -> None:
         """The counters that were there are here now; what moves goes on."""

@@ -198,6 +198,7 @@ class BoardMotion:
         settings, motions = self.model.settings, self.model.timeline.motions
         start, end, acceleration = settings.profile
         coordinates = "absolute" if settings.is_absolute else "relative"
+        multiplex = f" and X{settings.multiplex}" if settings.multiplex > 1 else ""
         mode = self.mode(is_absolute=settings.is_absolute)
         way = f", {when} the motion from {told(motions[0].base)} to" if motions else ", at rest at"
         return Observation(
@@ -205,7 +206,8 @@ class BoardMotion:
             value=str(counters),
             wanted=f"{told(place)}{way} {told(self.end)} in {coordinates} coordinates ({mode}"
             f" on this board), at {settings.speed} steps/s (V) and with"
-            f" F{start},{end},{acceleration}; DONE says that it was taken, not that it is over",
+            f" F{start},{end},{acceleration}{multiplex}; DONE says that it was taken, not that it"
+            " is over",
             causes=(f"{self._mode} (",) if self._mode else (),
             is_whole=False,
         )
