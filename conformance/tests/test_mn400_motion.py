@@ -130,6 +130,8 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_move_stands_where_it_is_paused": (is_read_as(pause_decel="false"), "MN4-PAU-01"),
     "pauses_anywhere_lose_no_step": (hears(("}", "Q")), "MN4-PAU-03"),
     "pauses_end_as_they_should": (is_read_as(pause_idle="latch"), "MN4-CMD-PAU-04"),
+    "a_resume_without_a_pause_changes_nothing": (hears(("}", "Q")), "MN4-CMD-PAU-04"),
+    "what_is_set_in_a_pause_is_for_later_moves": (hears(("}", "|")), "MN4-CMD-V-05"),
     "quit_stops_and_forgets": (is_read_as(quit_flushes_queue="false"), "MN4-CMD-Q-02"),
     "reads_in_motion_tell_of_the_present": (says("/", lambda told: [2]), "MN4-CMD-EXIT-02"),
     "a_turn_costs_the_steps_of_the_backlash": (hears(("D-1,1,1,1", "D1,1,1,1")), "MN4-CMD-D-02"),
@@ -137,6 +139,8 @@ WRONG: dict[str, tuple[Make, str]] = {
         hears(("B100*", "B150*")), "MN4-BKL-01"),
     "a_contour_begins_from_rest_behind_its_compensation": (
         hears(("B100*", "B150*")), "MN4-BKL-07"),
+    "a_pause_in_the_compensation_loses_none_of_it": (
+        hears(("B300,0,0,0", "B400,0,0,0")), "MN4-BKL-01"),
     "the_memory_is_of_the_last_motion": (hears(("L5,5,5,5", "D1,-1,1,1")), "MN4-CMD-L-03"),
     "arcs_and_contours_are_compensated_before_they_begin": (
         hears(("A-300,-300,-600,-600,1", "A-300,-300,-600,-600,-1")), "MN4-BKL-06",

@@ -18,6 +18,13 @@ FEW: Final = 40
 SLOW: Final = 500
 RAMPED: Final = (200, 4000, 10_000)  # start, end, acceleration: at neither of these speeds for long
 ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
+PAUSED_AT_S: Final = 0.25  # of a compensation of 0.6 s
+# What is paused there, and how often, with the backlash of its axes: moves, an arc, a contour.
+PAUSED: Final = (
+    (1, f"B{WIDE},0,0,0", ("M-200",)), (2, f"B0,{WIDE},0,{FEW}", ("M0,-100,0,-50",)),
+    (1, f"B0,0,{WIDE},0", ("A0,-60,-60,-60,-1",)),
+    (1, f"B{WIDE},0,0,0", ("(", "M-100,10", "M-60,-20", ")")),
+)  # fmt: skip
 
 
 def begun(session: Session) -> BoardMotion:
@@ -87,6 +94,26 @@ def the_memory_is_of_the_last_motion(session: Session) -> None:
     motion.do("L5,5,5,5", "MN4-CMD-L-03")
     motion.run("M50,-50", "MN4-CMD-L-03")
     motion.run("M-50", "MN4-CMD-L-03")
+
+
+@check("MN4-BKL-01", "MN4-CMD-PAU-02", safety=MOTION)
+def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
+    """{ and } meanwhile, once and twice: the rest of it is made and no more, then the whole motion;
+    with a pause it is over no earlier than without, and later by the pause at most."""
+    motion = begun(session)
+    is_before_arcs = motion.driver.reading("backlash_arc") == "start_only"
+    names = ("MN4-CMD-PAU-02", "MN4-BKL-01")
+    for pauses, lash, texts in PAUSED:
+        if texts[0].startswith("A") and not is_before_arcs:
+            continue
+        motion.ready(lash, speed=SLOW)
+        for text in texts:
+            motion.do(text, names)
+        for _ in range(pauses):
+            motion.driver.target.wait(PAUSED_AT_S / pauses)
+            motion.do("{", names)
+            motion.do("}", names)
+        motion.follow(names, samples=8)
 
 
 @check("MN4-BKL-05", safety=MOTION)
