@@ -89,6 +89,9 @@ WRONG: dict[str, tuple[Make, str]] = {
     "coordinates_are_those_of_the_mode": (hears(("I1", "I0")), "MN4-CMD-M-02"),
     "moves_take_the_time_of_their_profile": (hears(("V1500", "V1450")), "MN4-CMD-V-01"),
     "speed_is_that_of_the_axis_that_goes_farthest": (hears(("X4", "V1900")), "MN4-MOT-01"),
+    "long_moves_keep_their_proportion": (
+        hears(("M20000,-6667,19998,20", "M20000,-6667,19990,20")), "MN4-CMD-M-02",
+    ),
     "the_slowest_and_the_fastest_rate_are_kept": (hears(("V2", "V3")), "MN4-MOT-02"),
     "a_move_keeps_the_settings_of_its_time": (hears(("I1", "|")), "MN4-CMD-I-04"),
     "what_is_refused_moves_nothing": (lambda: AlteredTwin(ignores_sums=True), "MN4-PKT-05"),
@@ -110,6 +113,9 @@ WRONG: dict[str, tuple[Make, str]] = {
     "arcs_have_no_ramps": (is_read_as(arc_ramp="true"), "MN4-MOT-13"),
     "helices_turn_and_traverse": (hears(("+-100,0,-200,0,1,40,0", "+-100,0,-200,0,1,-40,0")),
                                   "MN4-CMD-HEL-02"),
+    "a_long_helix_keeps_its_proportion": (
+        hears(("+-500,0,-1000,0,1,-900,28", "+-500,0,-1000,0,1,-850,28")), "MN4-HEL-02",
+    ),
     "the_traverse_is_a_distance_in_both_modes": (
         hears(("+0,100,-100,100,1,-70,1", "+0,100,-100,100,1,-120,1")), "MN4-HEL-03",
     ),
