@@ -146,7 +146,7 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_contour_begins_from_rest_behind_its_compensation": (
         hears(("B100*", "B150*")), "MN4-BKL-07"),
     "a_pause_in_the_compensation_loses_none_of_it": (
-        hears(("B300,0,0,0", "B400,0,0,0")), "MN4-BKL-01"),
+        hears(("B60,0,0,0", "B80,0,0,0")), "MN4-BKL-01"),
     "the_memory_is_of_the_last_motion": (hears(("L5,5,5,5", "D1,-1,1,1")), "MN4-CMD-L-03"),
     "arcs_and_contours_are_compensated_before_they_begin": (
         hears(("A-300,-300,-600,-600,1", "A-300,-300,-600,-600,-1")), "MN4-BKL-06",

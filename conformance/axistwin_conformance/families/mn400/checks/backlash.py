@@ -18,12 +18,12 @@ FEW: Final = 40
 SLOW: Final = 500
 RAMPED: Final = (200, 4000, 10_000)  # start, end, acceleration: at neither of these speeds for long
 ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
+CREEPING: Final = 100  # steps/s, for few steps: what may be taken up adds up
 PAUSED_AT_S: Final = 0.25  # of a compensation of 0.6 s
 # What is paused there, and how often, with the backlash of its axes: moves, an arc, a contour.
 PAUSED: Final = (
-    (1, f"B{WIDE},0,0,0", ("M-200",)), (2, f"B0,{WIDE},0,{FEW}", ("M0,-100,0,-50",)),
-    (1, f"B0,0,{WIDE},0", ("A0,-60,-60,-60,-1",)),
-    (1, f"B{WIDE},0,0,0", ("(", "M-100,10", "M-60,-20", ")")),
+    (1, "B60,0,0,0", ("M-40",)), (2, "B0,60,0,8", ("M0,-30,0,-10",)),
+    (1, "B0,0,60,0", ("A0,-20,-20,-20,-1",)), (1, "B60,0,0,0", ("(", "M-25,5", "M-15,-5", ")")),
 )  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
     for pauses, lash, texts in PAUSED:
         if texts[0].startswith("A") and not is_before_arcs:
             continue
-        motion.ready(lash, speed=SLOW)
+        motion.ready(lash, speed=CREEPING)
         for text in texts:
             motion.do(text, names)
         for _ in range(pauses):
