@@ -233,6 +233,22 @@ def test_a_pause_keeps_the_rest_and_a_resume_ends_at_the_target() -> None:
     assert dropped.where(now(60))[0][1] < 2000
 
 
+def test_what_runs_at_one_speed_goes_on_as_it_was_behind_a_pause() -> None:
+    """It ends as much later as the pause lasts at most, and no earlier than without."""
+    made = after("B500,0,0,0", "V500", "M-500")  # 1 s of compensation, 1 s of the move
+    made.accept("{", now(0.5))
+    made.accept("}", now(0.7))
+    ends = made.timeline.ends
+    assert ends is not None
+    assert now(1.9)[0] < ends[0] <= now(2)[0] < now(2.2)[0] <= ends[1] < now(2.3)[0]
+    assert made.where(now(0.9)) == exactly((0, 0, 0, 0))
+    assert made.where(now(1.8))[0][1] < 0
+    ramped = after("V3000", "M2600")  # 1 s
+    ramped.accept("{", now(0.5))
+    ramped.accept("}", now(0.7))
+    assert ramped.timeline.ends == now(1, 1.7)
+
+
 def test_a_pause_at_rest_is_not_kept() -> None:
     """The next move runs (MN4-CMD-PAU-04)."""
     model = after("{", "M5")

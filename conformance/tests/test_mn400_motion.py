@@ -90,6 +90,9 @@ WRONG: dict[str, tuple[Make, str]] = {
     "moves_take_the_time_of_their_profile": (hears(("V1500", "V1450")), "MN4-CMD-V-01"),
     "speed_is_that_of_the_axis_that_goes_farthest": (hears(("X4", "V1900")), "MN4-MOT-01"),
     "a_multiplex_leaves_every_motion_its_time": (hears(("X4", "V700")), "MN4-MOT-05"),
+    "long_moves_keep_their_proportion": (
+        hears(("M20000,-6667,19998,20", "M20000,-6667,19990,20")), "MN4-CMD-M-02",
+    ),
     "the_slowest_and_the_fastest_rate_are_kept": (hears(("V2", "V3")), "MN4-MOT-02"),
     "a_move_keeps_the_settings_of_its_time": (hears(("I1", "|")), "MN4-CMD-I-04"),
     "what_is_refused_moves_nothing": (lambda: AlteredTwin(ignores_sums=True), "MN4-PKT-05"),
@@ -112,6 +115,9 @@ WRONG: dict[str, tuple[Make, str]] = {
     "arcs_have_no_ramps": (is_read_as(arc_ramp="true"), "MN4-MOT-13"),
     "helices_turn_and_traverse": (hears(("+-100,0,-200,0,1,40,0", "+-100,0,-200,0,1,-40,0")),
                                   "MN4-CMD-HEL-02"),
+    "a_long_helix_keeps_its_proportion": (
+        hears(("+-500,0,-1000,0,1,-900,28", "+-500,0,-1000,0,1,-850,28")), "MN4-HEL-02",
+    ),
     "the_traverse_is_a_distance_in_both_modes": (
         hears(("+0,100,-100,100,1,-70,1", "+0,100,-100,100,1,-120,1")), "MN4-HEL-03",
     ),
@@ -136,6 +142,8 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_move_stands_where_it_is_paused": (is_read_as(pause_decel="false"), "MN4-PAU-01"),
     "pauses_anywhere_lose_no_step": (hears(("}", "Q")), "MN4-PAU-03"),
     "pauses_end_as_they_should": (is_read_as(pause_idle="latch"), "MN4-CMD-PAU-04"),
+    "a_resume_without_a_pause_changes_nothing": (hears(("}", "Q")), "MN4-CMD-PAU-04"),
+    "what_is_set_in_a_pause_is_for_later_moves": (hears(("}", "|")), "MN4-CMD-V-05"),
     "quit_stops_and_forgets": (is_read_as(quit_flushes_queue="false"), "MN4-CMD-Q-02"),
     "quit_leaves_nothing_of_what_it_drops": (hears(("M40,0,20", "M40,0,21")), "MN4-QUIT-02"),
     "reads_in_motion_tell_of_the_present": (says("/", lambda told: [2]), "MN4-CMD-EXIT-02"),
@@ -144,6 +152,8 @@ WRONG: dict[str, tuple[Make, str]] = {
         hears(("B100*", "B150*")), "MN4-BKL-01"),
     "a_contour_begins_from_rest_behind_its_compensation": (
         hears(("B100*", "B150*")), "MN4-BKL-07"),
+    "a_pause_in_the_compensation_loses_none_of_it": (
+        hears(("B60,0,0,0", "B80,0,0,0")), "MN4-BKL-01"),
     "the_memory_is_of_the_last_motion": (hears(("L5,5,5,5", "D1,-1,1,1")), "MN4-CMD-L-03"),
     "what_quit_drops_is_not_remembered": (
         hears(("M40,40,40,40", "M40,40,40,41")), "MN4-BKL-02"),

@@ -6,8 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 from axistwin.devices.mn400.commands import ContourEntry, Interpreter
+from axistwin.devices.mn400.motion import SpeedProfile, VectorMotion
+from axistwin.devices.mn400.motion.pace import TimedPace
 from axistwin.devices.mn400.mover import Mover, Waiting
-from axistwin.devices.mn400.orders import MotionOrder, MoveStart, StoredSegment
+from axistwin.devices.mn400.orders import BoardSettings, MotionOrder, MoveStart, StoredSegment
 from zoo_mn400.planting import (
     Any_,
     BoardState,
@@ -414,3 +416,94 @@ def an_arc_behind_quit_is_looked_at_from_where_the_move_was_to_end(patch: Monkey
     around(patch, Mover, "quit", quit_)
     around(patch, Mover, "_begin", begin)
     around(patch, Mover, "expected", expected)
+
+
+# --- pauses ---------------------------------------------------------------------------------------
+
+
+def _resumes(patch: MonkeyPatch, act: Any_) -> None:
+    """Let } do `act(mover, motion, now)` before what it should, where it resumes a motion."""
+
+    def acting(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if mover.is_paused and reason == "command" and mover._motion is not None:
+            act(mover, mover._motion, now)
+        go()
+
+    around(patch, Mover, "resume", acting)
+
+
+def _is_compensating(motion: VectorMotion, now: int) -> bool:
+    chain = motion.chain
+    return not chain.paths[0].is_commanded and motion._x_at(now) < chain.starts[1]
+
+
+@board_mutant("MN4-CMD-PAU-02", "MN4-BKL-01")
+def a_pause_drops_the_rest_of_a_compensation(patch: MonkeyPatch) -> None:
+    """} behind a { within the compensation begins with the move."""
+
+    def act(mover: Mover, motion: VectorMotion, now: int) -> None:
+        if _is_compensating(motion, now):
+            mover._motion = replace(motion, known_from=motion.chain.starts[1])
+
+    _resumes(patch, act)
+
+
+@board_mutant("MN4-CMD-PAU-02", "MN4-BKL-01")
+def a_resumed_compensation_begins_anew(patch: MonkeyPatch) -> None:
+    """} behind a { within the compensation makes all of it once more."""
+
+    def act(mover: Mover, motion: VectorMotion, now: int) -> None:
+        if _is_compensating(motion, now):
+            mover._motion = None
+
+    _resumes(patch, act)
+
+
+@board_mutant("MN4-CMD-PAU-04", "MN4-MOT-10")
+def a_resume_begins_the_ramp_of_a_move_anew(patch: MonkeyPatch) -> None:
+    """} while a move runs unpaused lets it go on from the start speed."""
+
+    def act(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        motion = mover._motion
+        if motion is not None and not mover.is_paused and not motion.is_over_at(now):
+            stopped = motion._changed(now, lambda pace, x: pace.stopped(now, x, False))
+            mover._motion = replace(stopped, is_paused=True).resume(now)
+            mover._watch(now)
+        go()
+
+    around(patch, Mover, "resume", act)
+
+
+def _changes_what_is_paused(patch: MonkeyPatch, change: Any_) -> None:
+    """Let } go on by `change(pace, settings)`, by the settings that were accepted last."""
+
+    def act(mover: Mover, motion: VectorMotion, now: int) -> None:
+        paces = [
+            change(pace, mover.accepted) if isinstance(pace, TimedPace) else pace
+            for pace in motion.paces
+        ]
+        mover._motion = replace(motion, paces=tuple(paces))
+
+    _resumes(patch, act)
+
+
+@board_mutant("MN4-CMD-V-05")
+def a_speed_acts_on_the_move_that_is_paused(patch: MonkeyPatch) -> None:
+    """} goes on at the V that came in the pause."""
+
+    def change(pace: TimedPace, settings: BoardSettings) -> TimedPace:
+        rows = tuple(one._replace(speed=settings.speed) for one in pace.stretches)
+        return replace(pace, stretches=rows)
+
+    _changes_what_is_paused(patch, change)
+
+
+@board_mutant("MN4-CMD-F-03")
+def a_profile_acts_on_the_move_that_is_paused(patch: MonkeyPatch) -> None:
+    """} goes on by the F that came in the pause."""
+
+    def change(pace: TimedPace, settings: BoardSettings) -> TimedPace:
+        profile = SpeedProfile(settings.start, settings.top, settings.acceleration)
+        return replace(pace, settings=replace(pace.settings, profile=profile))
+
+    _changes_what_is_paused(patch, change)

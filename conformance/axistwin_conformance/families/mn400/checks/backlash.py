@@ -22,6 +22,13 @@ ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
 # axis would have turned round.
 DROPPED: Final = (("M-50,-50",), ("A-50,0,-50,-50,1",), ("(", "M-80,,,-60", "M-80,,,-60", ")"))
 CRAWL: Final = 50  # steps/s: at this one what is taken up may be little
+CREEPING: Final = 100  # steps/s, for few steps: what may be taken up adds up
+PAUSED_AT_S: Final = 0.25  # of a compensation of 0.6 s
+# What is paused there, and how often, with the backlash of its axes: moves, an arc, a contour.
+PAUSED: Final = (
+    (1, "B60,0,0,0", ("M-40",)), (2, "B0,60,0,8", ("M0,-30,0,-10",)),
+    (1, "B0,0,60,0", ("A0,-20,-20,-20,-1",)), (1, "B60,0,0,0", ("(", "M-25,5", "M-15,-5", ")")),
+)  # fmt: skip
 
 
 def begun(session: Session) -> BoardMotion:
@@ -115,6 +122,26 @@ def what_quit_drops_is_not_remembered(session: Session) -> None:
     motion.do("Q", "MN4-BKL-02")
     motion.rest()
     motion.run(f"M{FEW},{FEW},{FEW},{FEW}", "MN4-BKL-02")
+
+
+@check("MN4-BKL-01", "MN4-CMD-PAU-02", safety=MOTION)
+def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
+    """{ and } meanwhile, once and twice: the rest of it is made and no more, then the whole motion;
+    with a pause it is over no earlier than without, and later by the pause at most."""
+    motion = begun(session)
+    is_before_arcs = motion.driver.reading("backlash_arc") == "start_only"
+    names = ("MN4-CMD-PAU-02", "MN4-BKL-01")
+    for pauses, lash, texts in PAUSED:
+        if texts[0].startswith("A") and not is_before_arcs:
+            continue
+        motion.ready(lash, speed=CREEPING)
+        for text in texts:
+            motion.do(text, names)
+        for _ in range(pauses):
+            motion.driver.target.wait(PAUSED_AT_S / pauses)
+            motion.do("{", names)
+            motion.do("}", names)
+        motion.follow(names, samples=8)
 
 
 @check("MN4-BKL-05", safety=MOTION)

@@ -42,6 +42,7 @@ BESIDE: Final = 2.3  # steps by which radii may differ: rounding of a right arc 
 QUEUED: Final = 6  # places that are taken behind the motion that runs
 ON_CIRCLE: Final = ("MN4-ARC-04", "MN4-ARC-08")
 ALONG: Final = 3.5  # steps along a circle: more than rounding of an arc and its traverse gives
+LONG_TURNS: Final = 28  # of radius 500, behind a half: 80600 ticks, more than 16 bits hold
 OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right arc gives
 
 
@@ -245,6 +246,16 @@ def _judge_long_traverse(motion: BoardMotion) -> None:
         told = f"the arc within {ALONG} steps of where it is at {z} of {traverse} steps"
         is_even = abs(ahead) <= ALONG
         motion.session.expect(is_even, "MN4-HEL-02", told, f"{ahead:.2f} at {(x, y, z)}")
+
+
+@check("MN4-CMD-HEL-01", "MN4-HEL-02", safety=MOTION, level="full")
+def a_long_helix_keeps_its_proportion(session: Session) -> None:
+    """One of more than 65535 ticks: on its circle and as far along as it has turned, to the end."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(1000, "this helix")
+    motion.ready(speed=motion.fast(5000))
+    motion.do(f"+-500,0,-1000,0,1,-900,{LONG_TURNS}", "MN4-CMD-HEL-01")
+    motion.follow("MN4-HEL-02", "MN4-CMD-HEL-01", "MN4-CMD-HEL-01", samples=16)
 
 
 @check("MN4-HEL-03", safety=MOTION)

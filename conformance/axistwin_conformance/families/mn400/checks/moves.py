@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Final
 
@@ -12,6 +13,7 @@ from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import (
     MOTION,
     NS,
+    PROFILE,
     SPEED,
     BoardMotion,
     is_monotone,
@@ -47,6 +49,11 @@ REFUSED_STEPS: Final = 400
 LEFT_OUT_PROFILE: Final = (500, 3000, 8000)
 LEFT_OUT_OF_F: Final = ("F,2500", "F700", "F,,6000", "F,,")
 LEFT_OUT_STEPS: Final = 1600
+# Moves of more ticks than 16 bits hold: multiplex, displacements, and what goes farthest.
+MANY, FAST = 80_000, 20_000
+SPARE: Final = 500  # steps of room that are left for what backlash may have been taken up
+FINE: Final = (4, (1, Fraction(-1, 3), Fraction(9999, 10_000), Fraction(1, 1000)))
+LONG: Final = (1, (Fraction(-1, 3000), Fraction(1, 4), -1, Fraction(9999, 10_000)))
 FAR_UP: Final = 2_147_483_640
 # What no multiplex makes slower, and whose time that is: a multiplex, what is set, a motion.
 MULTIPLEXED: Final = (
@@ -57,7 +64,7 @@ MULTIPLEXED: Final = (
 )  # fmt: skip
 
 
-def typed(displacements: tuple[int, ...]) -> str:
+def typed(displacements: Sequence[int]) -> str:
     """The M of these; axes that stand are left out at the end and between."""
     told = ",".join(str(one) if one else "" for one in displacements)
     return f"M{told.rstrip(',')}"
@@ -224,6 +231,40 @@ def a_multiplex_leaves_every_motion_its_time(session: Session) -> None:
             motion.do(one, requirement)
         names = (requirement, "MN4-MOT-05")
         motion.run(text, requirement, names, requirement, names, samples=4)
+
+
+@check("MN4-CMD-M-01", "MN4-CMD-M-02", "MN4-MOT-01", "MN4-MOT-05", "MN4-CC-01", safety=MOTION,
+       level="full")  # fmt: skip
+def long_moves_keep_their_proportion(session: Session) -> None:
+    """There as a move and back as a contour, of more than 65535 ticks and of more than 65535 steps
+    where there is room for them: all axes on their chord at any time, and at their ends."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(2000, "these moves")
+    _judge_long(motion, *FINE, "MN4-MOT-05")
+    ticks, steps = (MANY // (2 * multiplex) + SPARE for multiplex, _ in (FINE, LONG))
+    if motion.room < steps:
+        lacking = f"{ticks} for more than 65535 ticks, " if motion.room < ticks else ""
+        told = f"--max-travel {lacking}{steps} for more than 65535 steps"
+        session.not_run("MN4-MOT-01", f"the longest of these moves need {told}")
+        return
+    _judge_long(motion, *LONG, "MN4-MOT-01")
+
+
+def _judge_long(
+    motion: BoardMotion, multiplex: int, shares: tuple[Fraction | int, ...], requirement: str
+) -> None:
+    """From one side of home to the other, and back."""
+    length = min(MANY // multiplex, 2 * (motion.room - SPARE))
+    by = [round(length * share) for share in shares]
+    aside = [-one // 2 for one in by]
+    motion.ready(f"X{multiplex}", speed=FAST, profile=(PROFILE[0], FAST, PROFILE[2]))
+    motion.run(typed(aside), "MN4-CMD-M-01", samples=2)
+    path = ("MN4-CMD-M-01", requirement)
+    motion.run(typed(by), "MN4-CMD-M-01", path, "MN4-CMD-M-02", requirement, samples=12)
+    motion.set("(")
+    motion.set(typed([-one for one in by]))
+    motion.do(")", "MN4-CC-01")
+    motion.follow(path, "MN4-CC-01", requirement, samples=12)
 
 
 @check("MN4-MOT-02", safety=MOTION)

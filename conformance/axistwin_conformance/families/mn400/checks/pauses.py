@@ -9,7 +9,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
-from axistwin_conformance.families.mn400.driver import AXES, BoardDriver
+from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
 from axistwin_conformance.families.mn400.model.motions import Span, VectorMotion
 from axistwin_conformance.families.mn400.motion.board_motion import (
     MOTION,
@@ -29,6 +29,15 @@ PAUSED: Final = (
 )  # fmt: skip
 MOST_PAUSES: Final = 3
 WAITING: Final = ("M0,0,500", "L0,7,0,0")  # behind a move of axis 1; Q drops it
+RAMPED: Final = (500, 5000, 5000)  # a profile by which M2000 at V3000 takes 1.1 s
+# What runs with that, and when } comes: on the ramp up, at speed, on the ramp down.
+UNPAUSED: Final = ((("M2000",), (0.2, 0.5, 0.8)), (("(", "M1000,-30", "M1000,30", ")"), (0.3, 0.8)))
+# What is set while something at V1000 is paused: speeds below and above, a lower end speed.
+SLOWER, FASTER, LOWER = "V500", "V3000", "F400,500,1000"
+PAUSED_AND_SET: Final = (
+    (("M1000,-300",), SLOWER), (("M1000,-300",), FASTER), (("M1000,-300",), LOWER),
+    (("A-200,0,-400,0,1",), SLOWER), (("(", "M500", "M500,20", ")"), FASTER),
+)  # fmt: skip
 
 
 def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[Halt, Halt]:
@@ -162,6 +171,45 @@ def pauses_end_as_they_should(session: Session) -> None:
     motion.do("}", "MN4-PAU-05")
     after = motion.stays("MN4-PAU-05")
     session.expect(after == here, "MN4-PAU-05", here, after)
+
+
+@check("MN4-CMD-PAU-04", "MN4-MOT-10", safety=MOTION)
+def a_resume_without_a_pause_changes_nothing(session: Session) -> None:
+    """} while a move or a contour runs that nobody has paused, be it taken or refused: it goes on
+    by its ramps, and ends in its time."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.needs_room(2000, "these moves")
+    names = ("MN4-CMD-PAU-04", "MN4-MOT-10")
+    for texts, times_s in UNPAUSED:
+        for at_s in times_s:
+            motion.ready(speed=3000, profile=RAMPED)
+            for text in texts:
+                motion.do(text, "MN4-CMD-PAU-04")
+            driver.target.wait(at_s)
+            exchange = driver.ask("}")
+            session.step(exchange.is_sound, "an answer to }", exchange.observed)
+            driver.tells(exchange.says(*DONE), "MN4-CMD-PAU-04", "START and DONE", exchange)
+            motion.follow(names, samples=6)
+
+
+@check("MN4-CMD-V-05", "MN4-CMD-F-03", "MN4-STM-01", "MN4-CMD-PAU-02", safety=MOTION)
+def what_is_set_in_a_pause_is_for_later_moves(session: Session) -> None:
+    """V and F between { and }: the rest of the motion takes the time it took before, and a move
+    behind it that of the new setting."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(1400, "these motions")
+    for texts, setting in PAUSED_AND_SET:
+        requirement = "MN4-CMD-F-03" if setting == LOWER else "MN4-CMD-V-05"
+        motion.ready(speed=1000)
+        for text in texts:
+            motion.do(text, "MN4-CMD-PAU-02")
+        motion.driver.target.wait(0.2)
+        motion.do("{", "MN4-CMD-PAU-02")
+        motion.do(setting, requirement)
+        motion.do("}", "MN4-CMD-PAU-02")
+        motion.follow(requirement, "MN4-CMD-PAU-02", requirement, samples=6)
+        motion.run("M-400", "MN4-STM-01", samples=3)
 
 
 @check("MN4-CMD-Q-01", "MN4-CMD-Q-02", "MN4-QUIT-01", "MN4-QUIT-02", "MN4-CMD-N-02", "MN4-CMD-N-03",

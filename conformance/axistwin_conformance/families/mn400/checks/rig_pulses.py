@@ -105,10 +105,11 @@ def a_move_waits_for_the_last_pulse_of_a_thread(session: Session) -> None:
 
 @check("MN4-THR-01", "MN4-THR-03", "MN4-THR-04", "MN4-CMD-T-01", safety=RIG_MOTION, needs=SPINDLE)
 def a_thread_keeps_step_with_its_spindle(session: Session) -> None:
-    """From the index on each step comes with its pulse, whatever the rate; none beyond the last."""
+    """From the index on each step comes with its pulse, whatever the rate and however many there
+    are; none beyond the last."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(200, "these moves")
-    for rate, pulses, offset in ((1000, 1000, 0), (4000, 2000, 300)):
+    for rate, pulses, offset in ((1000, 1000, 0), (4000, 2000, 300), (8000, 80_000, 0)):
         motion.needs_speed(rate * max(BY) // pulses, "these moves")
         motion.ready()
         spindle = _turned(motion, rate)

@@ -15,10 +15,14 @@ from typing import Final
 
 from axistwin_conformance.families.mn400.planner.circle import CircleMove
 from axistwin_conformance.families.mn400.planner.contour import ContourMove
+from axistwin_conformance.families.mn400.planner.speed import SpeedPlan
 from axistwin_conformance.families.mn400.planner.vector import AXES, VectorMove, Window
 
 STILL: Final = (0, 0)
 ENDLESS: Final = Fraction(10**9)  # seconds: nobody waits so long
+# By how much less a board may have moved until a pause than its replies let one think.
+PAUSE_LAG_S: Final = Fraction(1, 20)
+PAUSE_ERROR: Final = Fraction(1, 100)
 
 Place = tuple[Window, ...]  # of all axes
 Span = tuple[Fraction, Fraction]  # the earliest and the latest time, or the least and most seconds
@@ -33,6 +37,12 @@ class PlannedMotion(ABC):
     @abstractmethod
     def span(self) -> Span:
         """The least and the greatest duration."""
+
+    @property
+    def is_steady(self) -> bool:
+        """True if it runs at start speed at most, so that a pause stops it at once and it goes on
+        at its speed (MN4-PAU-01)."""
+        return False
 
     @abstractmethod
     def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
@@ -63,6 +73,11 @@ class CompensatedMotion(PlannedMotion):
         lost, (least, most) = self.before.plan.seconds, self.motion.span
         return lost + least, lost + most
 
+    @property
+    def is_steady(self) -> bool:
+        """Both of it."""
+        return is_flat(self.before.plan) and self.motion.is_steady
+
     def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
         """First the compensation, then the motion from where that leads."""
         lost = self.before.plan.seconds
@@ -91,6 +106,11 @@ class VectorMotion(PlannedMotion):
         is_early = self.is_early or self.move.is_phased
         return self.move.plan.last_step_time(is_early=is_early), self.move.plan.seconds
 
+    @property
+    def is_steady(self) -> bool:
+        """Without ramps."""
+        return is_flat(self.move.plan)
+
     def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
         """All axes on its chord."""
         return self.move.windows(first, last, is_early=self.is_early)
@@ -110,6 +130,12 @@ class CircleMotion(PlannedMotion):
     def span(self) -> Span:
         """As the lattice path may differ from the ideal one."""
         return self.circle.seconds
+
+    @property
+    def is_steady(self) -> bool:
+        """Only below the start speed: above it an arc may brake for a pause."""
+        rules = self.circle.rules
+        return min(rules.speed, rules.profile.end) <= rules.profile.start
 
     def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
         """Of all four motors; those outside of the plane stand (MN4-ARC-08)."""
@@ -145,6 +171,11 @@ class ContourMotion(PlannedMotion):
             return seconds, seconds
         return seconds - last.seconds + last.last_step_time(is_early=self.is_early), seconds
 
+    @property
+    def is_steady(self) -> bool:
+        """Without ramps in any segment."""
+        return all(map(is_flat, self.contour.plans))
+
     def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
         """From segment to segment."""
         return self.contour.windows(first, last, is_early=self.is_early)
@@ -169,31 +200,44 @@ class PacedMotion(PlannedMotion):
 class RestOfMotion(PlannedMotion):
     """What is left of a motion that was paused: nobody knows exactly how much.
 
-    `box`: where the whole of it may be.  It takes no longer than the whole of a vector move did,
-    for it ramps as one does (MN4-PAU-01); of other motions it may take twice as long.
+    `gone`: for how long it has been under way, at least when it was paused, and at most by now, as
+    if it had gone on meanwhile: no pause makes it end earlier.  What runs at one speed and stops at
+    once goes on as it was.  Else it takes no longer than the whole of a vector move did, for it
+    ramps as one does (MN4-PAU-01); of other motions it may take twice as long.
     """
 
-    def __init__(self, whole: PlannedMotion, base: Place) -> None:
+    def __init__(self, whole: PlannedMotion, gone: Span) -> None:
         self.displacements = whole.displacements
-        most = whole.span[1]
-        self.box: Place = (
-            whole.box
-            if isinstance(whole, RestOfMotion)
-            else (base if most >= ENDLESS else added(base, whole.windows(Fraction(0), most)))
-        )
-        self._most = whole.span[1] * (1 if isinstance(whole, VectorMotion) else 2)
+        self.whole, self.gone = whole, gone
+        least, most = whole.span
+        self._least = Fraction(0) if most >= ENDLESS else max(Fraction(0), least - gone[1])
+        if self.is_steady:
+            self._most = max(Fraction(0), most - gone[0])
+        else:
+            self._most = most * (1 if isinstance(whole, VectorMotion) else 2)
+
+    @property
+    def is_steady(self) -> bool:
+        """As the whole of it."""
+        return self.whole.is_steady
 
     @property
     def span(self) -> Span:
-        """Between nothing and all of it."""
-        return Fraction(0), self._most
+        """What the pause has left of it."""
+        return self._least, self._most
 
     def windows(self, first: Fraction, last: Fraction) -> tuple[Window, ...]:
-        """Between its start and its end."""
-        return tuple((min(0, one), max(0, one)) for one in self.displacements)
+        """From the start of the whole: from where it was paused to where it would be without."""
+        more = max(Fraction(0), first) if self.is_steady else Fraction(0)
+        return self.whole.windows(self.gone[0] + more, self.gone[1] + max(Fraction(0), last))
 
 
 # --- in a row -------------------------------------------------------------------------------------
+
+
+def is_flat(plan: SpeedPlan) -> bool:
+    """True for a plan without ramps."""
+    return all(phase.entry == phase.leaving for phase in plan.phases)
 
 
 def exactly(position: Iterable[int]) -> Place:
@@ -234,8 +278,6 @@ class ScheduledMotion:
         """Where the axes may be at some time between the two."""
         if first >= self.ends[1]:
             return self.end
-        if isinstance(self.motion, RestOfMotion):
-            return hull(self.base, self.end, self.motion.box)
         windows = self.motion.windows(first - self.begins[1], last - self.begins[0])
         return added(self.base, windows)
 
@@ -248,6 +290,7 @@ class MotionTimeline:
         self.motions: list[ScheduledMotion] = []
         self.held: list[ScheduledMotion] = []  # paused, and what waits behind it
         self.began = Fraction(0)  # when the first of them was accepted since all stood
+        self.paused: Span = (Fraction(0), Fraction(0))  # when that was, of what is held
 
     @property
     def end(self) -> Place:
@@ -317,18 +360,24 @@ class MotionTimeline:
         self.forget(now[0])
         place = self.where((now[0], now[1] + braking))
         self.held, self.motions, self.place = self.motions, [], place
+        self.paused = now
 
     def resume(self, now: Span) -> None:
         """What was held goes on, one motion behind the other."""
-        held, self.held, self.began = self.held, [], now[0]
+        held, self.held = self.held, []
         for index, one in enumerate(held):
-            motion = RestOfMotion(one.motion, one.base) if index == 0 else one.motion
+            has_begun = index == 0 or one.begins[0] < self.paused[1]  # for all that is known
+            motion = RestOfMotion(one.motion, self._gone(one, now)) if has_begun else one.motion
             begins = now
             if self.motions:
                 ends = self.motions[-1].ends
                 begins = max(now[0], ends[0]), max(now[1], ends[1])
-            base = one.base if index else self.place
-            self.motions.append(replace(one, motion=motion, begins=begins, base=base))
+            self.motions.append(replace(one, motion=motion, begins=begins))
+
+    def _gone(self, held: ScheduledMotion, now: Span) -> Span:
+        """For how long what is held was under way: until it was paused, and until now."""
+        least = (self.paused[0] - held.begins[1]) * (1 - PAUSE_ERROR) - PAUSE_LAG_S
+        return max(Fraction(0), least), max(Fraction(0), now[1] - held.begins[0])
 
     def stop(self, now: Span, place: Place | None = None, *, flushes: bool = True) -> None:
         """All motion ends and the queue is empty, at some time of this span (MN4-CMD-Q-02); or what

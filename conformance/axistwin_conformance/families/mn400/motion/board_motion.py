@@ -31,8 +31,10 @@ from axistwin_conformance.families.mn400.model.motions import (
     CompensatedMotion,
     Place,
     PlannedMotion,
+    RestOfMotion,
     Span,
 )
+from axistwin_conformance.families.mn400.model.settings import BoardSettings
 from axistwin_conformance.families.mn400.motion.return_to_start import (
     return_to_start,
     turn_hold_off,
@@ -59,6 +61,7 @@ class BoardMotion:
         self.target = driver.target
         self.model = BoardModel(driver.reading)
         self._mode = ""  # the I that was judged since `ready`
+        self._asked: list[tuple[PlannedMotion, BoardSettings]] = []  # since then, and by what
 
     # --- settings ---------------------------------------------------------------------------------
 
@@ -103,6 +106,7 @@ class BoardMotion:
         """
         return_to_start(self.session, self.driver)
         self.model, self._mode = BoardModel(self.driver.reading), ""
+        self._asked.clear()
         start, end, acceleration = profile
         speed, start, end = (self.fast(one) for one in (speed, start, end))
         hold = ["H0"] if self.driver.reading("hold_takes_arg") == "true" else []
@@ -160,6 +164,9 @@ class BoardMotion:
         exchange = self.driver.draws(text, DONE, requirement)
         self.model.accept(text, self.span(exchange))
         self._mode = text if text.startswith("I") else self._mode
+        rows = self.model.timeline.motions or self.model.timeline.held
+        if rows and not any(rows[-1].motion is motion for motion, _ in self._asked):
+            self._asked.append((rows[-1].motion, self.model.settings))
         return exchange
 
     @property
@@ -195,7 +202,8 @@ class BoardMotion:
 
     def _seen(self, counters: Sequence[int], place: Place, when: str = "on") -> Observation:
         """Where the axes were, and on which motion, in words."""
-        settings, motions = self.model.settings, self.model.timeline.motions
+        motions = self.model.timeline.motions
+        settings = self._settings_of(motions[0].motion) if motions else self.model.settings
         start, end, acceleration = settings.profile
         coordinates = "absolute" if settings.is_absolute else "relative"
         multiplex = f" and X{settings.multiplex}" if settings.multiplex > 1 else ""
@@ -211,6 +219,13 @@ class BoardMotion:
             causes=(f"{self._mode} (",) if self._mode else (),
             is_whole=False,
         )
+
+    def _settings_of(self, motion: PlannedMotion) -> BoardSettings:
+        """Those with which a motion was asked for; what came later is for others."""
+        while isinstance(motion, RestOfMotion):
+            motion = motion.whole
+        found = (settings for asked, settings in self._asked if asked is motion)
+        return next(found, self.model.settings)
 
     def follow(
         self,
