@@ -38,10 +38,9 @@ def texts(data: bytes) -> tuple[str, ...]:
 def _texts(data: bytes) -> Iterator[str]:
     """What stands behind each address; a sum that was sent there begins no command by itself, but a
     board that has lost its place may take it for one."""
-    *_, last = matches = [*PAYLOADS.finditer(data)] or [None]
-    for match in filter(None, matches):
+    for match in PAYLOADS.finditer(data):
         text = match[1].decode("latin-1")
-        if match is last and match.end() == len(data) and len(text) == 1 and _ends_packet(data):
+        if match.end() == len(data) and len(text) == 1 and _ends_packet(data):
             continue
         yield text
 
