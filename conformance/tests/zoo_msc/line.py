@@ -298,6 +298,13 @@ def a_length_has_eight_bits(patch: MonkeyPatch) -> None:
     hears(patch, lambda receiver, byte, now: False)
 
 
+@msc_mutant("MSC-LNK-20", traps=(30,))
+def the_high_byte_of_a_length_counts_half(patch: MonkeyPatch) -> None:
+    """It is shifted by one bit too few: of 256 bytes the last 128 are left over."""
+    patch.setattr(receiver_module, "body_length", lambda raw: raw[2] << 7 | raw[3])
+    hears(patch, lambda receiver, byte, now: False)
+
+
 @msc_mutant("MSC-LNK-02", traps=(30,))
 def a_length_of_0_is_65536(patch: MonkeyPatch) -> None:
     """The loop counts down before it looks."""

@@ -368,6 +368,11 @@ class MscLink:
         late_ns = due_ns + (last + 2) * self.byte_ns + self.latency_ns + rounding_ns
         return ReplyWindow(early_ns, late_ns + self.spare_ns)
 
+    def is_amid(self, sent_ns: int, size: int, came_ns: int) -> bool:
+        """True if what came then came before the last of the bytes, sent in a row, was over."""
+        rounding_ns = ROUNDING_NS if self.target.is_virtual else COARSE_NS
+        return came_ns < sent_ns + size * self.byte_ns - rounding_ns - self.spare_ns
+
     def break_off(self, raw: bytes) -> tuple[bytes, int, int]:
         """Send the beginning of a packet and wait out T1: what came, when sending began and when it
         came (ns)."""

@@ -83,6 +83,12 @@ def _after_all_of_it(driver: MscDriver, length: int) -> tuple[str, ...]:
     driver.link.nothing_more("MSC-LNK-20", "the NAK")
     driver.link.alive("MSC-LNK-20")
     is_late = came_ns >= driver.link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
+    driver.session.expect(
+        is_late or not driver.link.is_amid(sent_ns, len(raw), came_ns),
+        "MSC-LNK-20",
+        f"NAK when all {len(raw)} bytes are over, or at T1",
+        f"after {(came_ns - sent_ns) / MS:.1f} ms",
+    )
     return ("timeout_only",) if is_late else ("nak_after_packet", "accept")
 
 
