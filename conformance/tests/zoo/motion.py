@@ -549,3 +549,9 @@ def a_ramped_stop_before_segments_lets_the_shaft_go(patch: MonkeyPatch) -> None:
 def a_catch_up_counts_as_clockwise(patch: MonkeyPatch) -> None:
     """Catching up is taken for motion in the positive direction, whatever way it leads."""
     wrap(patch, Drive, "_catch_up_direction", lambda way: lambda drive, now: abs(way(drive, now)))
+
+
+@mutant("MACS-STOP-01")
+def a_catch_up_knows_no_stop(patch: MonkeyPatch) -> None:
+    """Stops look at the profile: with that over, what is left of a move leads nowhere for them."""
+    wrap(patch, Drive, "_catch_up_direction", lambda way: lambda drive, now: 0)
