@@ -11,7 +11,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.line import absent
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import MS
+from axistwin_conformance.families.msc.link import MOMENT_S, MS
 
 ORDER = 50  # of this module in a run; see `Family.modules`
 
@@ -63,7 +63,8 @@ def a_header_that_announces_too_much_is_refused(session: Session) -> None:
         return
     # Of one that ends at T1 or later nobody can tell which of the two has drawn the NAK.
     least_ns = driver.link.latency_ns + 3 * driver.link.byte_ns + driver.link.spare_ns
-    left_ns = round(driver.client.packet_timeout_s * 1e9) - least_ns
+    least_ns += round(MOMENT_S * 1e9)
+    left_ns = driver.link.sign_window(0, codec.HEADER_BYTES).earliest_ns - least_ns
     lengths = [
         one for one in (241, 256) if (one + codec.AROUND_BODY) * driver.link.byte_ns < left_ns
     ]
@@ -78,7 +79,7 @@ def _after_all_of_it(driver: MscDriver, length: int) -> tuple[str, ...]:
     """What a whole packet of that length shows, its sum being wrong and its body no command."""
     body = RQSTAT.ljust(length, FILLER)
     raw = codec.packet(driver.unit, body, checksum=0x3030)
-    received, sent_ns, came_ns = driver.link.break_off(raw)
+    received, sent_ns, came_ns = driver.link.break_off(raw, codec.HEADER_BYTES)
     driver.session.expect(received == NAK, "MSC-LNK-20", "NAK", received.hex(" ") or "nothing")
     driver.link.nothing_more("MSC-LNK-20", "the NAK")
     driver.link.alive("MSC-LNK-20")
