@@ -321,6 +321,19 @@ def a_length_of_0_is_65536(patch: MonkeyPatch) -> None:
 # --- packets for others --------------------------------------------------------------------------
 
 
+@msc_mutant("MSC-LNK-19", traps=(31,))
+def the_length_of_others_has_eight_bits(patch: MonkeyPatch) -> None:
+    """Of a packet for another unit the low byte of the length alone is counted off."""
+
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        go()
+        if receiver.state is ReceiverState.SKIP:
+            receiver._missing = receiver._packet[3] + 2
+
+    around(patch, Receiver, "_judge_header", act)
+    hears(patch, lambda receiver, byte, now: False)
+
+
 @msc_mutant("MSC-LNK-19", traps=(22,))
 def a_wrong_sum_for_others_is_refused(patch: MonkeyPatch) -> None:
     """A unit says NAK to each bad packet that it hears."""
