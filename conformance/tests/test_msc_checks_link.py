@@ -447,6 +447,14 @@ LIES: dict[str, tuple[str, Make, str]] = {
         "a_header_that_announces_too_much_is_refused",
         with_fault(line.a_packet_broken_off_is_refused_twice), "MSC-LNK-20",
     ),
+    "the length of others has eight bits": (
+        "more_than_255_bytes_for_another_unit_are_counted_off",
+        with_fault(line.the_length_of_others_has_eight_bits), "MSC-LNK-19",
+    ),
+    "the high byte of a length counts half": (
+        "a_header_that_announces_too_much_is_refused",
+        with_fault(line.the_high_byte_of_a_length_counts_half), "MSC-LNK-20",
+    ),
     "an empty body draws two NAKs": (
         "an_empty_body_is_no_command", signs_spoilt(NAK, NAK + NAK), "MSC-LNK-04",
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -11,7 +12,7 @@ from axistwin.devices.mac.axis.drive import Drive
 from axistwin.motion import ramp as ramp_module
 from axistwin.motion.interpolator import Segment
 from axistwin.motion.plant import Load, Plant
-from axistwin.motion.ramp import Phase, Ramp
+from axistwin.motion.ramp import Phase, Ramp, RampedMotion
 from axistwin.motion.trajectory import Piece
 from zoo.mutant import Any_, MonkeyPatch, answers, cells, everywhere, mutant, on, target_of, wrap
 
@@ -267,6 +268,32 @@ def the_speed_overshoots_while_it_changes(patch: MonkeyPatch) -> None:
         return tuple(Piece(one.increments, max(1, one.period_ticks // 4)) for one in pieces)
 
     everywhere(patch, change_pieces, changing)
+
+
+def _out_of_segments(patch: MonkeyPatch, phases_of: Any_) -> None:
+    """Let 15h during segments lead on by `phases_of(step, change)`: the phase of the step under
+    way, and those of the change."""
+
+    def taking_over(start_ns: int, direction: int, ticks: int, ramp: Ramp) -> RampedMotion:
+        sound = go(start_ns, direction, ticks, ramp)
+        phases = phases_of(sound.phases[0], sound.phases[1:])
+        trajectory = replace(sound.trajectory, pieces=ramp_module.joined(phases))
+        return replace(sound, trajectory=trajectory, phases=phases)
+
+    go = RampedMotion.taking_over
+    patch.setattr(RampedMotion, "taking_over", taking_over)
+
+
+@mutant("MACS-CMD-15-02")
+def a_segment_is_left_amid_its_step(patch: MonkeyPatch) -> None:
+    """15h during a segment does not let the step under way come to its end."""
+    _out_of_segments(patch, lambda step, change: change)
+
+
+@mutant("MACS-CMD-15-02")
+def out_of_a_segment_the_speed_jumps(patch: MonkeyPatch) -> None:
+    """15h during a segment knows no ramp: the new speed is there with the next step."""
+    _out_of_segments(patch, lambda step, change: (step, change[-1]))
 
 
 @mutant("MACS-CMD-15-02")
@@ -549,3 +576,9 @@ def a_ramped_stop_before_segments_lets_the_shaft_go(patch: MonkeyPatch) -> None:
 def a_catch_up_counts_as_clockwise(patch: MonkeyPatch) -> None:
     """Catching up is taken for motion in the positive direction, whatever way it leads."""
     wrap(patch, Drive, "_catch_up_direction", lambda way: lambda drive, now: abs(way(drive, now)))
+
+
+@mutant("MACS-STOP-01")
+def a_catch_up_knows_no_stop(patch: MonkeyPatch) -> None:
+    """Stops look at the profile: with that over, what is left of a move leads nowhere for them."""
+    wrap(patch, Drive, "_catch_up_direction", lambda way: lambda drive, now: 0)

@@ -298,6 +298,13 @@ def a_length_has_eight_bits(patch: MonkeyPatch) -> None:
     hears(patch, lambda receiver, byte, now: False)
 
 
+@msc_mutant("MSC-LNK-20", traps=(30,))
+def the_high_byte_of_a_length_counts_half(patch: MonkeyPatch) -> None:
+    """It is shifted by one bit too few: of 256 bytes the last 128 are left over."""
+    patch.setattr(receiver_module, "body_length", lambda raw: raw[2] << 7 | raw[3])
+    hears(patch, lambda receiver, byte, now: False)
+
+
 @msc_mutant("MSC-LNK-02", traps=(30,))
 def a_length_of_0_is_65536(patch: MonkeyPatch) -> None:
     """The loop counts down before it looks."""
@@ -312,6 +319,19 @@ def a_length_of_0_is_65536(patch: MonkeyPatch) -> None:
 
 
 # --- packets for others --------------------------------------------------------------------------
+
+
+@msc_mutant("MSC-LNK-19", traps=(31,))
+def the_length_of_others_has_eight_bits(patch: MonkeyPatch) -> None:
+    """Of a packet for another unit the low byte of the length alone is counted off."""
+
+    def act(go: Any_, receiver: Receiver, now: int) -> None:
+        go()
+        if receiver.state is ReceiverState.SKIP:
+            receiver._missing = receiver._packet[3] + 2
+
+    around(patch, Receiver, "_judge_header", act)
+    hears(patch, lambda receiver, byte, now: False)
 
 
 @msc_mutant("MSC-LNK-19", traps=(22,))

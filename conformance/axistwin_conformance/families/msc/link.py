@@ -24,6 +24,7 @@ ROUNDING_NS: Final = MS  # a measured time-out is told in whole ms,
 COARSE_NS: Final = 15 * MS  # or in steps of 20 where the line blurs it
 WHILE_IT_TALKS: Final = 4  # characters of a reply that have come when it is interrupted
 JUNK: Final = b"\x00"
+MOMENT_S: Final = 0.005  # between two parts of a packet: one after the other, and well within T1
 TRIALS: Final = 3  # of what noise may have corrupted
 RS232_UNIT: Final = 1  # MSC-PKT-04
 LIMITS: Final = {"5_repeats": 5, "5_total": 4}  # MSC-AMB-01: how many repeats there are
@@ -368,13 +369,21 @@ class MscLink:
         late_ns = due_ns + (last + 2) * self.byte_ns + self.latency_ns + rounding_ns
         return ReplyWindow(early_ns, late_ns + self.spare_ns)
 
-    def break_off(self, raw: bytes) -> tuple[bytes, int, int]:
+    def is_amid(self, sent_ns: int, size: int, came_ns: int) -> bool:
+        """True if what came then came before the last of the bytes, sent in a row, was over."""
+        rounding_ns = ROUNDING_NS if self.target.is_virtual else COARSE_NS
+        return came_ns < sent_ns + size * self.byte_ns - rounding_ns - self.spare_ns
+
+    def break_off(self, raw: bytes, first: int = 0) -> tuple[bytes, int, int]:
         """Send the beginning of a packet and wait out T1: what came, when sending began and when it
-        came (ns)."""
+        came (ns).  `first`: so many bytes of it are sent a moment before the others."""
         self.calm()
         self._measure_latency()
         self.target.drain()
-        sent_ns = self.target.send(raw)
+        sent_ns = self.target.send(raw[: first or None])
+        if first:
+            self.target.wait(first * self.byte_ns / 1e9 + MOMENT_S)
+            self.target.send(raw[first:])
         own_s = len(raw) * self.byte_ns / 1e9
         received = self._client.receive(
             1, self._client.packet_timeout_s * WAITS_AT_MOST + own_s + self.glance_s

@@ -8,10 +8,10 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.checks.line import absent
+from axistwin_conformance.families.msc.checks.line import absent, judge_followed, judge_skipped
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import MS
+from axistwin_conformance.families.msc.link import MOMENT_S, MS
 
 ORDER = 50  # of this module in a run; see `Family.modules`
 
@@ -21,6 +21,7 @@ HALF_RATE: Final = 4800
 CORRUPTED_CHARACTER: Final = b"\xf0"
 CORRUPTED_AT: Final = {"header": 4, "body": 8, "checksum": 13}  # places in RQSTAT
 FILLER: Final = b"0"
+LONG_BODY: Final = 0x100  # bytes: the length of what they are a part of needs both of its bytes
 RUNNING: Final = 1  # bit 0 of the status word
 START_S: Final = 2.0  # for how long after power-up nothing must be said
 HEARD_BYTES: Final = 4  # of a reply, when it is interrupted
@@ -63,7 +64,8 @@ def a_header_that_announces_too_much_is_refused(session: Session) -> None:
         return
     # Of one that ends at T1 or later nobody can tell which of the two has drawn the NAK.
     least_ns = driver.link.latency_ns + 3 * driver.link.byte_ns + driver.link.spare_ns
-    left_ns = round(driver.client.packet_timeout_s * 1e9) - least_ns
+    least_ns += round(MOMENT_S * 1e9)
+    left_ns = driver.link.sign_window(0, codec.HEADER_BYTES).earliest_ns - least_ns
     lengths = [
         one for one in (241, 256) if (one + codec.AROUND_BODY) * driver.link.byte_ns < left_ns
     ]
@@ -78,12 +80,37 @@ def _after_all_of_it(driver: MscDriver, length: int) -> tuple[str, ...]:
     """What a whole packet of that length shows, its sum being wrong and its body no command."""
     body = RQSTAT.ljust(length, FILLER)
     raw = codec.packet(driver.unit, body, checksum=0x3030)
-    received, sent_ns, came_ns = driver.link.break_off(raw)
+    received, sent_ns, came_ns = driver.link.break_off(raw, codec.HEADER_BYTES)
     driver.session.expect(received == NAK, "MSC-LNK-20", "NAK", received.hex(" ") or "nothing")
     driver.link.nothing_more("MSC-LNK-20", "the NAK")
     driver.link.alive("MSC-LNK-20")
     is_late = came_ns >= driver.link.sign_window(sent_ns, codec.HEADER_BYTES).earliest_ns
+    driver.session.expect(
+        is_late or not driver.link.is_amid(sent_ns, len(raw), came_ns),
+        "MSC-LNK-20",
+        f"NAK when all {len(raw)} bytes are over, or at T1",
+        f"after {(came_ns - sent_ns) / MS:.1f} ms",
+    )
     return ("timeout_only",) if is_late else ("nak_after_packet", "accept")
+
+
+@check("MSC-LNK-19", safety="rig", needs=("bench",))
+def more_than_255_bytes_for_another_unit_are_counted_off(session: Session) -> None:
+    """An RQSTAT at the end of a body whose length needs both of its bytes, announced to another
+    unit, is part of that, and the one behind it is served.  (SKIP)"""
+    driver = MscDriver(session)
+    judge_skipped(driver)
+    judge_followed(driver)
+    body = bytes(LONG_BODY) + driver.client.request(RQSTAT)
+    raw = codec.packet(absent(session), body, checksum=0x3030)
+    span_ns = len(raw) * driver.link.byte_ns + driver.link.spare_ns
+    if span_ns >= driver.link.sign_window(0, codec.HEADER_BYTES).earliest_ns:
+        session.skip("T1 runs out while such a packet is being sent")
+    session.target.drain()
+    session.target.send(raw)
+    text = f"{len(raw)} bytes, as another unit's header announced"
+    driver.link.nothing_more("MSC-LNK-19", text, span_ns / 1e9 + driver.link.glance_s)
+    driver.link.alive("MSC-LNK-19")
 
 
 @check("MSC-LNK-02", "MSC-LNK-04", safety="rig", needs=("bench",))

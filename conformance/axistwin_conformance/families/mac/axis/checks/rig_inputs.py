@@ -17,6 +17,7 @@ from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.rig import (
+    AT_ONCE,
     HARD_NEGATIVE,
     HARD_POSITIVE,
     WORKED,
@@ -25,7 +26,7 @@ from axistwin_conformance.families.mac.axis.driver.rig import (
 )
 from axistwin_conformance.families.mac.axis.driver.status import INPUT_BITS
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
-from axistwin_conformance.families.mac.axis.model.forecast import Forecast
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED
 from axistwin_conformance.families.mac.axis.words import STATUS_BYTES
@@ -35,6 +36,8 @@ ORDER = 220  # of this module in a run; see `Family.modules`
 STOP_INPUTS: Final = ("rig:positive_stop", "rig:negative_stop")
 REFERENCE: Final = ("rig:reference",)
 CATCH_UP_NS: Final = 200_000  # per increment and unit of 0Eh
+SLOW_CATCH_UP: Final = 0xFF  # 51 ms per increment
+LAG: Final = 40  # increments by which a held axis is left behind
 EDGES_S: Final = 0.6  # a motion under which the contact is worked four times
 
 
@@ -245,6 +248,48 @@ def disabled_hardware_stops_do_nothing(session: Session) -> None:
             )
             for stop in SIDES:
                 driver.rig.contact(stop.name, False)
+
+
+@check("MACS-STOP-01", safety=WORKED, needs=("rig:hold", "rig:positive_stop"), level="full")
+def a_hardware_stop_ends_a_catch_up_toward_it(session: Session) -> None:
+    """What is left of a move is motion of its sign: the positive stop ends a catch-up that counts
+    up, on the way."""
+    driver, side = driver_of(session), SIDES[0]
+    if not session.rig.is_exact or driver.readings.known("position_source"):
+        session.skip(f"{AT_ONCE}, and 20h to tell where the shaft is")
+    start = driver.rig.begin(0x0640)
+    driver.judge.accepted(0x0E, SLOW_CATCH_UP << 8)
+    driver.judge.accepted(0x03, 1)
+    session.rig.work("hold", True)
+    end = driver.motion.go(start + LAG).end
+    assert end is not None
+    driver.client.wait_until(end.latest_ns)
+    driver.client.wait(0.1)
+    is_running = driver.client.command(0x02, 0).kind is ReplyKind.REFUSED
+    let_go = TimeWindow(*session.rig.work("hold", False))
+    if not is_running:
+        session.skip("the move was over with its profile: what is left is no motion (MACS-AMB-27)")
+    step_ns = SLOW_CATCH_UP * CATCH_UP_NS
+    driver.client.wait(LAG // 4 * step_ns / 1e9)
+    act = driver.rig.contact(side.name, True)
+    slack = driver.limits.allowance(driver.motion.period)
+    least = (act.earliest_ns - let_go.latest_ns) // step_ns - slack
+    most = (act.latest_ns - let_go.earliest_ns) // step_ns + 1 + slack
+    most += driver.limits.braking(driver.motion.period)
+    driver.client.wait((LAG + 5) * step_ns / 1e9)
+    done = driver.client.position() - start
+    session.expect(
+        least <= done <= most,
+        None,
+        f"the catch-up ended {least}..{most} of {LAG} increments on",
+        f"{done} increments",
+    )
+    driver.rig.judge_stop_bit(side.bit, None)
+    driver.rig.contact(side.name, False)
+    driver.client.wait(0.3)
+    again = driver.client.position() - start
+    session.expect(again == done, None, "nothing resumes", f"{again - done:+d} increments")
+    driver.judge.accepted(0x03, 0)
 
 
 # --- the reference -------------------------------------------------------------------------------

@@ -33,7 +33,9 @@ from axistwin_conformance.families.mac.axis.model.forecast import (
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     TICKS_PER_SECOND,
     Course,
+    EvenRun,
     Law,
+    Profile,
     ramp_increments,
 )
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, values_of
@@ -370,6 +372,18 @@ class AxisMotion:
             direction,
             lambda law: Course.endless(period, self.coefficient, law),
             law or self._readings.law_of(self.coefficient, is_changed=True),
+            mode="VE",
+        )
+
+    def as_velocity(self, exchange: AxisExchange, origin: int, period: int) -> Forecast:
+        """What to expect of an upward segment taken over at rest, where a 15h will take its speed
+        over before it ends."""
+        return Forecast.started(
+            exchange.taken,
+            origin,
+            1,
+            lambda law: Course(Profile((EvenRun(None, period),)), period, self.coefficient, law),
+            self._readings.law_of(self.coefficient, is_changed=True),
             mode="VE",
         )
 

@@ -123,6 +123,28 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
     driver.judge.alive("MACS-CMD-00-01")
 
 
+@check("MACS-CMD-00-02", "MACS-CMD-00-01", safety=MOVES, level="full")
+def what_begins_while_it_is_deaf_is_no_frame(session: Session) -> None:
+    """A query that begins while the module is deaf after 00h, and whose rest comes bit by bit when
+    it listens again, is lost as well; the next one is answered."""
+    driver = SerialDriver(session)
+    driver.motion.ready()
+    query = driver.client.request(0x20).encode()
+    half = len(query) // 2
+    since_ns = restarted_ns(driver)
+    driver.client.wait_until(since_ns + round(driver.motion.deaf_s / 2 * 1e9))
+    begun = driver.client.send(query[:half], POLL_S)
+    driver.judge.must(ReplyKind.SILENCE, begun, "MACS-CMD-00-02")
+    driver.motion.taken_in_time(
+        begun, since_ns + round(driver.motion.deaf_surely_s * 1e9), "the deafness"
+    )
+    driver.motion.wait_awake()
+    for part, limit_s in ((query[half:-2], POLL_S), (query[-2:], QUIET_S)):
+        ended = driver.client.send(part, limit_s)
+        driver.judge.must(ReplyKind.SILENCE, ended, "MACS-CMD-00-02")
+    driver.judge.alive("MACS-CMD-00-01")
+
+
 # --- several modules -----------------------------------------------------------------------------
 
 
