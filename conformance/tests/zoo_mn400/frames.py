@@ -402,6 +402,22 @@ def what_waits_has_room_in_60_bytes(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "_serve", act)
 
 
+@board_mutant("MN4-PKT-08")
+def two_polls_wait_while_a_reply_is_sent(patch: MonkeyPatch) -> None:
+    """Of polls that come while a reply is being sent, the third and all behind it are lost."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        sender = board._serial
+        is_busy = sender.free_ns > request.time_ns or not sender.is_silent
+        is_poll = request.payload == b"*"
+        waiting = getattr(board, "waiting", 0) + is_poll if is_busy and is_poll else 0
+        board.waiting = waiting  # type: ignore[attr-defined]
+        if waiting <= 2:
+            go()
+
+    around(patch, Mn400Board, "_serve", act)
+
+
 @board_mutant("MN4-RSP-14")
 def it_says_something_by_itself(patch: MonkeyPatch) -> None:
     """Behind each reply to V a DONE comes once more, a while later."""

@@ -26,8 +26,9 @@ ORDER = 10  # of this module in a run; see `Family.modules`
 LOADED_SUMS: Final = (0x00, 0x03, 0x04, 0x0D, 0x11, 0x13, 0x26, 0x2A, 0x2C, 0x51, 0x7B)
 READS: Final = ("E", "N", "S", "/", "?", "[", ":")
 PLAIN_ORDERS: Final = ("V2000", "X1", "Q", "|")
-# Requests of four bytes, as many as take no more bytes than the longest command has (MN4-PKT-13).
-IN_A_ROW: Final = ("*", "E", "S", "N", "/", "[") * 2 + ("*", "E", "S", "N", "/")
+# Requests of four bytes, as many as take no more bytes than the longest command has (MN4-PKT-13):
+# the whole reply to a poll is ready at once, that to a read when START has left.
+IN_A_ROW: Final = ("*", "*", "*", "*", "*", "E", "S", "N", "/", "[") + ("*",) * 4 + ("E", "S", "N")
 GAP_S: Final = 0.005
 
 
