@@ -205,6 +205,27 @@ def only_the_position_has_a_trailer(patch: MonkeyPatch) -> None:
     data_packets(patch, lambda raw: raw if raw[1:2] == b"E" else resummed(raw[:-3] + raw[-2:-1]))
 
 
+@board_mutant("MN4-RSP-12")
+def a_long_value_has_no_trailer(patch: MonkeyPatch) -> None:
+    """A value of more than 24 characters ends without one."""
+    data_packets(patch, lambda raw: resummed(raw[:-3] + raw[-2:-1]) if len(raw) > 24 + 5 else raw)
+
+
+@board_mutant("MN4-RSP-11")
+def a_refusal_echoes_the_letter_as_sent(patch: MonkeyPatch) -> None:
+    """PARA_ERROR to x3 has a small x, START before it a large one."""
+
+    def act(
+        go: Any_, one: Interpreter, command: int, code: ReturnCode, payload: bytes, **how: Any
+    ) -> Answer:
+        answer: Answer = go()
+        if code is not ReturnCode.PARA_ERROR:
+            return answer
+        return answer._replace(parts=[*answer.parts[:-1], one._status(payload[0], code)])
+
+    around(patch, Interpreter, "refusal", act)
+
+
 @board_mutant("MN4-RSP-10")
 def positive_numbers_have_a_sign(patch: MonkeyPatch) -> None:
     """E tells +5."""

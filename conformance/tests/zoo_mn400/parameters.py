@@ -80,6 +80,18 @@ def leading_zeros_are_refused(patch: MonkeyPatch) -> None:
     _numbers(patch, act)
 
 
+@board_mutant("MN4-PAR-08", traps=(44,))
+def a_leading_zero_means_base_8(patch: MonkeyPatch) -> None:
+    """010 is 8, and 08 is 8."""
+
+    def act(go: Any_, field: bytes) -> Any:
+        digits = field.removeprefix(b"-")
+        is_octal = digits[:1] == b"0" and not set(digits) - set(b"01234567")
+        return go(b"%d" % int(field, 8)) if is_octal else go()
+
+    _numbers(patch, act)
+
+
 @board_mutant("MN4-PAR-01")
 def capitals_only(patch: MonkeyPatch) -> None:
     """Commands in lower case are unknown."""

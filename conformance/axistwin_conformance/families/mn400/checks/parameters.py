@@ -75,9 +75,9 @@ def release_with_nothing_pending_is_told(session: Session) -> None:
 @check("MN4-PAR-01", "MN4-RSP-11")
 @restoring("VXP")
 def letters_have_no_case(session: Session) -> None:
-    """Reads and orders in lower case are served like the others."""
+    """Reads and orders in lower case are served, and refused, like the others."""
     driver = BoardDriver(session)
-    for text in ("e", "n", "s", "v2000", "x1", "q", "p1,3,2"):
+    for text in ("e", "n", "s", "v2000", "x1", "q", "p1,3,2", "x3", "k"):
         upper = driver.ask(text.upper())
         lower = driver.ask(text)
         session.expect(lower.codes == upper.codes, "MN4-PAR-01", upper, lower)
