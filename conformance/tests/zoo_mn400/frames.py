@@ -150,6 +150,31 @@ def the_buffer_holds_64_characters(patch: MonkeyPatch) -> None:
     around(patch, PacketReceiver, "__init__", act)
 
 
+@board_mutant("MN4-PKT-05")
+def what_is_too_long_is_cut_and_obeyed(patch: MonkeyPatch) -> None:
+    """Of a packet that is too long the first 80 characters are obeyed, whatever its sum is."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        is_cut = request.flaw is Flaw.TOO_LONG
+        go(request._replace(flaw=Flaw.NONE) if is_cut else request)
+
+    around(patch, Mn400Board, "_serve", act)
+
+
+@board_mutant("MN4-ERR-05")
+def a_packet_that_is_too_long_is_not_forgotten(patch: MonkeyPatch) -> None:
+    """The second packet behind one that is too long is called too long as well, unless it is
+    short."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        behind = getattr(board, "behind", 2) + 1
+        board.behind = 0 if request.flaw is Flaw.TOO_LONG else behind  # type: ignore[attr-defined]
+        is_called_so = behind == 2 and len(request.payload) > 8
+        go(request._replace(flaw=Flaw.TOO_LONG) if is_called_so else request)
+
+    around(patch, Mn400Board, "_serve", act)
+
+
 # --- what is sent ---------------------------------------------------------------------------------
 
 
