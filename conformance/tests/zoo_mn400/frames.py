@@ -83,6 +83,29 @@ def what_has_a_wrong_sum_is_refused_and_done(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "_serve", act)
 
 
+@board_mutant("MN4-PKT-05", traps=(14,))
+def no_sum_of_quit_is_looked_at(patch: MonkeyPatch) -> None:
+    """Q is obeyed whatever its checksum is."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        is_taken = request.flaw is Flaw.CHECKSUM and request.payload == b"Q"
+        go(request._replace(flaw=Flaw.NONE) if is_taken else request)
+
+    around(patch, Mn400Board, "_serve", act)
+
+
+@board_mutant("MN4-PKT-05")
+def what_has_a_wrong_sum_ends_hold(patch: MonkeyPatch) -> None:
+    """CHKSUMERROR is sent, and hold is off unless a move is pending."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        go()
+        if request.flaw is Flaw.CHECKSUM and board.interpreter.pending is None:
+            board.interpreter.is_holding = False
+
+    around(patch, Mn400Board, "_serve", act)
+
+
 def _ends_at(patch: MonkeyPatch, is_end: Any_) -> None:
     def act(go: Any_, frame: _Frame, byte: int) -> int | None:
         if frame.is_closed and is_end(byte):

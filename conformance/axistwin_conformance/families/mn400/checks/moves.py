@@ -8,7 +8,6 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import (
     MOTION,
@@ -45,6 +44,11 @@ REFUSED: Final = (
     ("F2000,1000,1000", 2000, RAMPED),
 )  # fmt: skip
 REFUSED_STEPS: Final = 400
+# What is sent under a wrong sum: each would show in the moves behind it.
+IGNORED: Final = (
+    "V1000", "F50,50,1000", "B200,200,0,0", "D-1,-1,1,1", "L9,9,9,9", "H1", "J1", "(",
+)  # fmt: skip
+IGNORED_STEPS: Final = 300  # at as many steps/s
 # A profile, what F then says of it in part, and how far a move goes that reaches its end speed.
 LEFT_OUT_PROFILE: Final = (500, 3000, 8000)
 LEFT_OUT_OF_F: Final = ("F,2500", "F700", "F,,6000", "F,,")
@@ -324,13 +328,12 @@ def counters_go_round(session: Session) -> None:
 
 @check("MN4-PKT-05", "MN4-PKT-12", "MN4-ERR-02", safety=MOTION)
 def what_is_refused_moves_nothing(session: Session) -> None:
-    """M with a wrong sum, with a letter in a number, with a space in it."""
+    """M with a wrong sum, with a letter in a number, with a space in it; settings, what opens and
+    what ends with a wrong sum: motions are as if it had not been sent."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.ready()
-    raw = codec.with_wrong_checksum(driver.client.request("M100"))
-    codes = driver.errors("CHKSUMERROR", is_recognised=False)
-    driver.judge(driver.client.ask_raw(raw), codes, "MN4-PKT-05")
+    driver.ignores("M100")
     motion.stays("MN4-PKT-05")
     driver.draws("M10a", driver.errors("PARA_ERROR"), "MN4-ERR-02")
     motion.stays("MN4-ERR-02")
@@ -342,6 +345,45 @@ def what_is_refused_moves_nothing(session: Session) -> None:
             motion.stays("MN4-PKT-12")
     counters, _ = motion.read()
     session.expect(not any(counters), "MN4-PKT-05", "0, 0, 0, 0", counters)
+    _judge_ignored_settings(motion)
+    _judge_ignored_ends(motion)
+
+
+def _judge_ignored_settings(motion: BoardMotion) -> None:
+    """What sets, holds or opens under a wrong sum: moves there and back, and an arc, are as
+    before."""
+    steps = motion.within(IGNORED_STEPS)
+    motion.ready("B60,60,0,0", speed=steps)
+    plane, mode = motion.plane(2, 1, 3), motion.mode(is_absolute=True)
+    for text in (*IGNORED, plane, mode):
+        motion.driver.ignores(text)
+    for text in (f"M{steps},5", f"M{-steps},-5", "A-20,0,-40,0,1"):
+        motion.run(text, "MN4-PKT-05")
+
+
+def _judge_ignored_ends(motion: BoardMotion) -> None:
+    """What ends, pauses, resumes or runs under a wrong sum: a move, its pause, and a contour that
+    is entered go on."""
+    steps = motion.within(IGNORED_STEPS)
+    motion.ready(speed=steps)
+    motion.do(f"M{steps}", "MN4-PKT-05")
+    for text in "Q{":
+        motion.driver.ignores(text)
+    motion.follow("MN4-PKT-05")
+    motion.do(f"M{-steps}", "MN4-PKT-05")
+    motion.do("{", "MN4-PKT-05")
+    motion.rest_paused()
+    for text in "}Q":
+        motion.driver.ignores(text)
+    motion.stays("MN4-PKT-05")
+    motion.do("}", "MN4-PKT-05")
+    motion.follow("MN4-PKT-05")
+    motion.set("(")
+    motion.do(f"M{steps}", "MN4-PKT-05")
+    for text in ("V50", "Q", ")"):
+        motion.driver.ignores(text)
+    motion.do(")", "MN4-PKT-05")
+    motion.follow("MN4-PKT-05")
 
 
 @check("MN4-SYN-02", safety=MOTION)
