@@ -205,6 +205,18 @@ def the_first_backlash_is_taken_before_the_error(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-ERR-02")
+def the_first_direction_is_taken_before_the_error(patch: MonkeyPatch) -> None:
+    """D-1,0,1,1 is refused, and sets -1 for the first axis."""
+    _obeyed_all_the_same(patch, "D", lambda text: text.partition(b",")[0])
+
+
+@board_mutant("MN4-ERR-02")
+def the_motors_before_the_error_are_taken(patch: MonkeyPatch) -> None:
+    """P2,1,5 is refused, and sets motors 2 and 1."""
+    _obeyed_all_the_same(patch, "P", lambda text: text.rpartition(b",")[0])
+
+
+@board_mutant("MN4-ERR-02")
 def a_speed_out_of_range_is_the_greatest(patch: MonkeyPatch) -> None:
     """V200000 is refused, and sets 100000."""
     _obeyed_all_the_same(patch, "V", lambda text: b"100000")

@@ -37,11 +37,18 @@ TIMES: Final = (
     ((200, 5000, 2000), 1500, 2000), ((1000, 4000, 4000), 3000, 2000),
     ((1000, 5000, 80_000), 5000, 1600),
 )  # fmt: skip
+BESIDE_SPEED: Final = ((500, 1000), (3000, 5000), PROFILE[:2])  # V is not between the first two
 PLAIN, RAMPED = (5000, 5000, 10_000), (500, 5000, 1000)
 # What is refused, and a speed and a profile with which it would show.
 REFUSED: Final = (
-    ("V200000", 1000, PLAIN), ("B150,-1,0,0", 1000, PLAIN), ("F20,-1,1000", 2000, RAMPED),
-    ("F2000,1000,1000", 2000, RAMPED),
+    (("V200000",), 1000, PLAIN), (("B150,-1,0,0",), 1000, PLAIN),
+    (("F20,-1,1000", "F20,40,0"), 2000, RAMPED), (("F2000,1000,1000",), 2000, RAMPED),
+)  # fmt: skip
+# The same where backlash is taken up; directions, backlash and motors but the last are right.
+REFUSED_LASH, REFUSED_AT = "B60,60,60,60", 400
+REFUSED_PARTS: Final = (
+    "D-1,0,1,1", "D-1,-1,0,1", "D-1,-1,-1,0", "B200,200,-1,0", "B200,200,200,-1", "P2,5,1",
+    "P2,1,5",
 )  # fmt: skip
 REFUSED_STEPS: Final = 400
 # What is sent under a wrong sum: each would show in the moves behind it.
@@ -136,7 +143,7 @@ def coordinates_are_those_of_the_mode(session: Session) -> None:
        "MN4-MOT-14", safety=MOTION)  # fmt: skip
 def moves_take_the_time_of_their_profile(session: Session) -> None:
     """Ramps from start speed and back, a lower peak where the way is short, end speed at most, no
-    ramp below start speed."""
+    ramp below start speed.  A profile whose end is below V, or its start above, leaves V alone."""
     motion = BoardMotion(BoardDriver(session))
     for profile, speed, steps in TIMES:
         motion.needs_speed(min(speed, profile[1]), "these moves")
@@ -150,21 +157,38 @@ def moves_take_the_time_of_their_profile(session: Session) -> None:
         ) else ["MN4-MOT-10"]  # fmt: skip
         for by in (steps, -steps):
             motion.run(f"M{by}", "MN4-CMD-V-01", names, "MN4-CMD-V-01", names, samples=8)
+    motion.ready()
+    for speeds in BESIDE_SPEED:
+        start, end = map(motion.fast, speeds)
+        motion.do(f"F{start},{end},{PROFILE[2]}", "MN4-CMD-F-01")
+    motion.run("M2000", "MN4-CMD-F-01", samples=4)
 
 
 @check("MN4-ERR-02", safety=MOTION)
 def what_is_refused_sets_nothing(session: Session) -> None:
-    """V and B out of range, and B and F of which only the beginning is right: moves there and back
-    are as before."""
+    """V and B out of range, and B, F, D and P of which only the beginning is right: moves there and
+    back, and an arc, are as before."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(REFUSED_STEPS, "these moves")
-    for text, speed, profile in REFUSED:
-        if motion.driver.refusal_of(text) is None:
-            continue
+    for texts, speed, profile in REFUSED:
         motion.ready(speed=speed, profile=profile)
+        if _are_refused(motion, texts):
+            for by in (REFUSED_STEPS, -REFUSED_STEPS):
+                motion.run(f"M{by}", "MN4-ERR-02", samples=4)
+    motion.ready(REFUSED_LASH, speed=REFUSED_AT)
+    if _are_refused(motion, REFUSED_PARTS):
+        for text in ("M60,60,60,60", "M-60,-60,-60,-60"):
+            motion.run(text, "MN4-ERR-02", samples=4)
+        motion.do("B0,0,0,0", "MN4-ERR-02")  # in an arc it may be taken up otherwise (MN4-AMB-58)
+        motion.run("A-20,0,-40,0,1", "MN4-ERR-02")
+
+
+def _are_refused(motion: BoardMotion, texts: Sequence[str]) -> bool:
+    """Judge that what this board does not take is refused; whether there is any of that."""
+    refused = [text for text in texts if motion.driver.refusal_of(text) is not None]
+    for text in refused:
         motion.driver.draws(text, motion.driver.errors("PARA_ERROR"), "MN4-ERR-02")
-        for by in (REFUSED_STEPS, -REFUSED_STEPS):
-            motion.run(f"M{by}", "MN4-ERR-02", samples=4)
+    return bool(refused)
 
 
 @check("MN4-PAR-09", safety=MOTION)
@@ -357,8 +381,10 @@ def _judge_ignored_settings(motion: BoardMotion) -> None:
     plane, mode = motion.plane(2, 1, 3), motion.mode(is_absolute=True)
     for text in (*IGNORED, plane, mode):
         motion.driver.ignores(text)
-    for text in (f"M{steps},5", f"M{-steps},-5", "A-20,0,-40,0,1"):
+    for text in (f"M{steps},5", f"M{-steps},-5"):
         motion.run(text, "MN4-PKT-05")
+    motion.do("B0,0,0,0", "MN4-PKT-05")  # in an arc it may be taken up otherwise (MN4-AMB-58)
+    motion.run("A-20,0,-40,0,1", "MN4-PKT-05")
 
 
 def _judge_ignored_ends(motion: BoardMotion) -> None:
