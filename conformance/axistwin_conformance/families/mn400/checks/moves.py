@@ -42,7 +42,7 @@ PLAIN, RAMPED = (5000, 5000, 10_000), (500, 5000, 1000)
 # What is refused, and a speed and a profile with which it would show.
 REFUSED: Final = (
     (("V200000",), 1000, PLAIN), (("B150,-1,0,0",), 1000, PLAIN),
-    (("F20,-1,1000", "F20,40,0"), 2000, RAMPED), (("F2000,1000,1000",), 2000, RAMPED),
+    (("F20,-1,1000", "F20,40,1a"), 2000, RAMPED), (("F2000,1000,1000",), 2000, RAMPED),
 )  # fmt: skip
 # The same where backlash is taken up; directions, backlash and motors but the last are right.
 REFUSED_LASH, REFUSED_AT = "B60,60,60,60", 400
