@@ -150,6 +150,12 @@ def a_jog_speed_is_not_kept(patch: MonkeyPatch) -> None:
     settles(patch, "Y", lambda after, before: replace(after, jog_speed=before.jog_speed))
 
 
+@board_mutant("MN4-CMD-F-01")
+def a_lower_end_speed_lowers_the_speed(patch: MonkeyPatch) -> None:
+    """F with an end speed below V makes V as low, for good."""
+    settles(patch, "F", lambda after, before: replace(after, speed=min(before.speed, after.top)))
+
+
 @board_mutant("MN4-CMD-F-01", "MN4-CMD-F-03")
 def a_profile_is_that_of_power_on(patch: MonkeyPatch) -> None:
     """F is answered and sets nothing."""

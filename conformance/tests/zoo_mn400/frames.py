@@ -83,6 +83,29 @@ def what_has_a_wrong_sum_is_refused_and_done(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "_serve", act)
 
 
+@board_mutant("MN4-PKT-05", traps=(14,))
+def no_sum_of_quit_is_looked_at(patch: MonkeyPatch) -> None:
+    """Q is obeyed whatever its checksum is."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        is_taken = request.flaw is Flaw.CHECKSUM and request.payload == b"Q"
+        go(request._replace(flaw=Flaw.NONE) if is_taken else request)
+
+    around(patch, Mn400Board, "_serve", act)
+
+
+@board_mutant("MN4-PKT-05")
+def what_has_a_wrong_sum_ends_hold(patch: MonkeyPatch) -> None:
+    """CHKSUMERROR is sent, and hold is off unless a move is pending."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        go()
+        if request.flaw is Flaw.CHECKSUM and board.interpreter.pending is None:
+            board.interpreter.is_holding = False
+
+    around(patch, Mn400Board, "_serve", act)
+
+
 def _ends_at(patch: MonkeyPatch, is_end: Any_) -> None:
     def act(go: Any_, frame: _Frame, byte: int) -> int | None:
         if frame.is_closed and is_end(byte):
@@ -150,6 +173,31 @@ def the_buffer_holds_64_characters(patch: MonkeyPatch) -> None:
     around(patch, PacketReceiver, "__init__", act)
 
 
+@board_mutant("MN4-PKT-05")
+def what_is_too_long_is_cut_and_obeyed(patch: MonkeyPatch) -> None:
+    """Of a packet that is too long the first 80 characters are obeyed, whatever its sum is."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        is_cut = request.flaw is Flaw.TOO_LONG
+        go(request._replace(flaw=Flaw.NONE) if is_cut else request)
+
+    around(patch, Mn400Board, "_serve", act)
+
+
+@board_mutant("MN4-ERR-05")
+def a_packet_that_is_too_long_is_not_forgotten(patch: MonkeyPatch) -> None:
+    """The second packet behind one that is too long is called too long as well, unless it is
+    short."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        behind = getattr(board, "behind", 2) + 1
+        board.behind = 0 if request.flaw is Flaw.TOO_LONG else behind  # type: ignore[attr-defined]
+        is_called_so = behind == 2 and len(request.payload) > 8
+        go(request._replace(flaw=Flaw.TOO_LONG) if is_called_so else request)
+
+    around(patch, Mn400Board, "_serve", act)
+
+
 # --- what is sent ---------------------------------------------------------------------------------
 
 
@@ -203,6 +251,27 @@ def start_echoes_an_asterisk(patch: MonkeyPatch) -> None:
 def only_the_position_has_a_trailer(patch: MonkeyPatch) -> None:
     """Values other than E's end without one."""
     data_packets(patch, lambda raw: raw if raw[1:2] == b"E" else resummed(raw[:-3] + raw[-2:-1]))
+
+
+@board_mutant("MN4-RSP-12")
+def a_long_value_has_no_trailer(patch: MonkeyPatch) -> None:
+    """A value of more than 24 characters ends without one."""
+    data_packets(patch, lambda raw: resummed(raw[:-3] + raw[-2:-1]) if len(raw) > 24 + 5 else raw)
+
+
+@board_mutant("MN4-RSP-11")
+def a_refusal_echoes_the_letter_as_sent(patch: MonkeyPatch) -> None:
+    """PARA_ERROR to x3 has a small x, START before it a large one."""
+
+    def act(
+        go: Any_, one: Interpreter, command: int, code: ReturnCode, payload: bytes, **how: Any
+    ) -> Answer:
+        answer: Answer = go()
+        if code is not ReturnCode.PARA_ERROR:
+            return answer
+        return answer._replace(parts=[*answer.parts[:-1], one._status(payload[0], code)])
+
+    around(patch, Interpreter, "refusal", act)
 
 
 @board_mutant("MN4-RSP-10")
@@ -397,6 +466,22 @@ def what_waits_has_room_in_60_bytes(patch: MonkeyPatch) -> None:
         size = getattr(board, "waiting", 0) + len(request.payload) + 3 if is_busy else 0
         board.waiting = size  # type: ignore[attr-defined]
         if size <= 60:
+            go()
+
+    around(patch, Mn400Board, "_serve", act)
+
+
+@board_mutant("MN4-PKT-08")
+def two_polls_wait_while_a_reply_is_sent(patch: MonkeyPatch) -> None:
+    """Of polls that come while a reply is being sent, the third and all behind it are lost."""
+
+    def act(go: Any_, board: Mn400Board, request: Request) -> None:
+        sender = board._serial
+        is_busy = sender.free_ns > request.time_ns or not sender.is_silent
+        is_poll = request.payload == b"*"
+        waiting = getattr(board, "waiting", 0) + is_poll if is_busy and is_poll else 0
+        board.waiting = waiting  # type: ignore[attr-defined]
+        if waiting <= 2:
             go()
 
     around(patch, Mn400Board, "_serve", act)

@@ -80,6 +80,18 @@ def leading_zeros_are_refused(patch: MonkeyPatch) -> None:
     _numbers(patch, act)
 
 
+@board_mutant("MN4-PAR-08", traps=(44,))
+def a_leading_zero_means_base_8(patch: MonkeyPatch) -> None:
+    """010 is 8, and 08 is 8."""
+
+    def act(go: Any_, field: bytes) -> Any:
+        digits = field.removeprefix(b"-")
+        is_octal = digits[:1] == b"0" and not set(digits) - set(b"01234567")
+        return go(b"%d" % int(field, 8)) if is_octal else go()
+
+    _numbers(patch, act)
+
+
 @board_mutant("MN4-PAR-01")
 def capitals_only(patch: MonkeyPatch) -> None:
     """Commands in lower case are unknown."""
@@ -190,6 +202,18 @@ def _obeyed_all_the_same(patch: MonkeyPatch, letter: str, change: Any_) -> None:
 def the_first_backlash_is_taken_before_the_error(patch: MonkeyPatch) -> None:
     """B150,-1,0,0 is refused, and sets 150 for the first axis."""
     _obeyed_all_the_same(patch, "B", lambda text: text.partition(b",")[0])
+
+
+@board_mutant("MN4-ERR-02")
+def the_first_direction_is_taken_before_the_error(patch: MonkeyPatch) -> None:
+    """D-1,0,1,1 is refused, and sets -1 for the first axis."""
+    _obeyed_all_the_same(patch, "D", lambda text: text.partition(b",")[0])
+
+
+@board_mutant("MN4-ERR-02")
+def the_motors_before_the_error_are_taken(patch: MonkeyPatch) -> None:
+    """P2,1,5 is refused, and sets motors 2 and 1."""
+    _obeyed_all_the_same(patch, "P", lambda text: text.rpartition(b",")[0])
 
 
 @board_mutant("MN4-ERR-02")

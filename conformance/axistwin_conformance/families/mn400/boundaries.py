@@ -40,8 +40,9 @@ MALFORMED: Final = (
 # The same with control characters.  On a shared line a board may take such a frame for what another
 # one has said (MN4-DROP-10): they are for a board that is alone.
 CONTROLS: Final = ("\x001", "1\x0d", "\x04", "1\x1f2", "1\x00")
-# Spellings of whole numbers that are accepted (MN4-PAR-08): the text, what it says.
-SPELLINGS: Final = (("0", 0), ("-0", 0), ("000", 0), ("007", 7), ("-007", -7), ("-00", 0))
+# Spellings of whole numbers that are accepted (MN4-PAR-08): the text, what it says.  None of these
+# digits says in base 8 what it says in base 10.
+SPELLINGS: Final = (("0", 0), ("-0", 0), ("000", 0), ("010", 10), ("-0017", -17), ("-00", 0))
 
 
 def sound_values(rule: CommandRule) -> tuple[int, ...]:

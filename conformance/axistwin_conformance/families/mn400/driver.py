@@ -149,6 +149,13 @@ class BoardDriver:
         is_right = exchange.says(*codes) if codes else exchange.is_silence
         self.session.expect(is_right, requirement, told, exchange.observed)
 
+    def ignores(self, text: str) -> None:
+        """Judge that a command under a wrong sum draws CHKSUMERROR; that it does nothing is left to
+        what comes behind it."""
+        raw = codec.with_wrong_checksum(self.client.request(text))
+        codes = self.errors("CHKSUMERROR", is_recognised=False)
+        self.judge(self.client.ask_raw(raw), codes, "MN4-PKT-05")
+
     def repeats(
         self, said: BoardExchange, requirement: Requirements, start: Requirements = None
     ) -> None:

@@ -26,8 +26,9 @@ ORDER = 10  # of this module in a run; see `Family.modules`
 LOADED_SUMS: Final = (0x00, 0x03, 0x04, 0x0D, 0x11, 0x13, 0x26, 0x2A, 0x2C, 0x51, 0x7B)
 READS: Final = ("E", "N", "S", "/", "?", "[", ":")
 PLAIN_ORDERS: Final = ("V2000", "X1", "Q", "|")
-# Requests of four bytes, as many as take no more bytes than the longest command has (MN4-PKT-13).
-IN_A_ROW: Final = ("*", "E", "S", "N", "/", "[") * 2 + ("*", "E", "S", "N", "/")
+# Requests of four bytes, as many as take no more bytes than the longest command has (MN4-PKT-13):
+# the whole reply to a poll is ready at once, that to a read when START has left.
+IN_A_ROW: Final = ("*", "*", "*", "*", "*", "E", "S", "N", "/", "[") + ("*",) * 4 + ("E", "S", "N")
 GAP_S: Final = 0.005
 
 
@@ -119,10 +120,7 @@ def an_order_with_a_wrong_checksum_has_no_effect(session: Session) -> None:
     """L under a wrong sum leaves the counters as they are."""
     driver = BoardDriver(session)
     driver.command("L1,2,3,4")
-    raw = codec.with_wrong_checksum(driver.client.request("L9,9,9,9"))
-    driver.judge(
-        driver.client.ask_raw(raw), driver.errors("CHKSUMERROR", is_recognised=False), "MN4-PKT-05"
-    )
+    driver.ignores("L9,9,9,9")
     position = driver.position()
     session.expect(position == (1, 2, 3, 4), "MN4-PKT-05", "1, 2, 3, 4", position)
     driver.draws("L9,9,9,9x", driver.errors("PARA_ERROR"), "MN4-ERR-02")

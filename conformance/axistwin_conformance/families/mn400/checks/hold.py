@@ -61,17 +61,33 @@ def release(motion: BoardMotion, requirement: Requirements, *, everyone: bool = 
     motion.model.accept("K", motion.span(exchange))
 
 
-@check("MN4-CMD-H-01", "MN4-CMD-H-02", "MN4-CMD-K-01", safety=MOTION)
+@check("MN4-CMD-H-01", "MN4-CMD-H-02", "MN4-CMD-K-01", "MN4-PKT-05", safety=MOTION)
 def a_held_move_waits_for_its_release(session: Session) -> None:
-    """With hold on a move is accepted and no axis moves; K runs it.  With hold off it runs at
-    once."""
+    """With hold on a move is accepted and no axis moves; K runs it, and nothing under a wrong sum
+    does, or ends hold.  With hold off it runs at once."""
     motion, steps = held(session)
     keep(motion, f"M{steps},{-steps}", "MN4-CMD-H-01")
     _stays_pending(motion)
     release(motion, "MN4-CMD-K-01")
     motion.follow("MN4-CMD-K-01")
+    _judge_ignored(motion, f"M{-steps},{steps}")
     _hold_off(motion)
-    motion.run(f"M{-steps},{steps}", "MN4-CMD-H-02")
+    motion.run(f"M{steps},{-steps}", "MN4-CMD-H-02")
+
+
+def _judge_ignored(motion: BoardMotion, text: str) -> None:
+    """Judge that what ends hold, or a pending move, does nothing under a wrong sum."""
+    driver = motion.driver
+    if driver.reading("hold_after_release") == "one_shot":
+        motion.set(hold_text(motion))
+    ends = "H0" if driver.reading("hold_takes_arg") == "true" else "H"
+    driver.ignores(ends)
+    keep(motion, text, "MN4-PKT-05")
+    for one in ("K", "Q", ends):
+        driver.ignores(one)
+    driver.draws("?", ("START", "MOVEPENDING"), "MN4-PKT-05")
+    release(motion, "MN4-PKT-05")
+    motion.follow("MN4-PKT-05")
 
 
 @check("MN4-CMD-H-01", "MN4-CMD-K-01", safety=MOTION)

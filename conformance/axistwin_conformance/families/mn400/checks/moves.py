@@ -8,7 +8,6 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import (
     MOTION,
@@ -38,13 +37,25 @@ TIMES: Final = (
     ((200, 5000, 2000), 1500, 2000), ((1000, 4000, 4000), 3000, 2000),
     ((1000, 5000, 80_000), 5000, 1600),
 )  # fmt: skip
+BESIDE_SPEED: Final = ((500, 1000), (3000, 5000), PROFILE[:2])  # V is not between the first two
 PLAIN, RAMPED = (5000, 5000, 10_000), (500, 5000, 1000)
 # What is refused, and a speed and a profile with which it would show.
 REFUSED: Final = (
-    ("V200000", 1000, PLAIN), ("B150,-1,0,0", 1000, PLAIN), ("F20,-1,1000", 2000, RAMPED),
-    ("F2000,1000,1000", 2000, RAMPED),
+    (("V200000",), 1000, PLAIN), (("B150,-1,0,0",), 1000, PLAIN),
+    (("F20,-1,1000", "F20,40,1a"), 2000, RAMPED), (("F2000,1000,1000",), 2000, RAMPED),
+)  # fmt: skip
+# The same where backlash is taken up; directions, backlash and motors but the last are right.
+REFUSED_LASH, REFUSED_AT = "B60,60,60,60", 400
+REFUSED_PARTS: Final = (
+    "D-1,0,1,1", "D-1,-1,0,1", "D-1,-1,-1,0", "B200,200,-1,0", "B200,200,200,-1", "P2,5,1",
+    "P2,1,5",
 )  # fmt: skip
 REFUSED_STEPS: Final = 400
+# What is sent under a wrong sum: each would show in the moves behind it.
+IGNORED: Final = (
+    "V1000", "F50,50,1000", "B200,200,0,0", "D-1,-1,1,1", "L9,9,9,9", "H1", "J1", "(",
+)  # fmt: skip
+IGNORED_STEPS: Final = 300  # at as many steps/s
 # A profile, what F then says of it in part, and how far a move goes that reaches its end speed.
 LEFT_OUT_PROFILE: Final = (500, 3000, 8000)
 LEFT_OUT_OF_F: Final = ("F,2500", "F700", "F,,6000", "F,,")
@@ -132,7 +143,7 @@ def coordinates_are_those_of_the_mode(session: Session) -> None:
        "MN4-MOT-14", safety=MOTION)  # fmt: skip
 def moves_take_the_time_of_their_profile(session: Session) -> None:
     """Ramps from start speed and back, a lower peak where the way is short, end speed at most, no
-    ramp below start speed."""
+    ramp below start speed.  A profile whose end is below V, or its start above, leaves V alone."""
     motion = BoardMotion(BoardDriver(session))
     for profile, speed, steps in TIMES:
         motion.needs_speed(min(speed, profile[1]), "these moves")
@@ -146,21 +157,38 @@ def moves_take_the_time_of_their_profile(session: Session) -> None:
         ) else ["MN4-MOT-10"]  # fmt: skip
         for by in (steps, -steps):
             motion.run(f"M{by}", "MN4-CMD-V-01", names, "MN4-CMD-V-01", names, samples=8)
+    motion.ready()
+    for speeds in BESIDE_SPEED:
+        start, end = map(motion.fast, speeds)
+        motion.do(f"F{start},{end},{PROFILE[2]}", "MN4-CMD-F-01")
+    motion.run("M2000", "MN4-CMD-F-01", samples=4)
 
 
 @check("MN4-ERR-02", safety=MOTION)
 def what_is_refused_sets_nothing(session: Session) -> None:
-    """V and B out of range, and B and F of which only the beginning is right: moves there and back
-    are as before."""
+    """V and B out of range, and B, F, D and P of which only the beginning is right: moves there and
+    back, and an arc, are as before."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(REFUSED_STEPS, "these moves")
-    for text, speed, profile in REFUSED:
-        if motion.driver.refusal_of(text) is None:
-            continue
+    for texts, speed, profile in REFUSED:
         motion.ready(speed=speed, profile=profile)
+        if _are_refused(motion, texts):
+            for by in (REFUSED_STEPS, -REFUSED_STEPS):
+                motion.run(f"M{by}", "MN4-ERR-02", samples=4)
+    motion.ready(REFUSED_LASH, speed=REFUSED_AT)
+    if _are_refused(motion, REFUSED_PARTS):
+        for text in ("M60,60,60,60", "M-60,-60,-60,-60"):
+            motion.run(text, "MN4-ERR-02", samples=4)
+        motion.do("B0,0,0,0", "MN4-ERR-02")  # in an arc it may be taken up otherwise (MN4-AMB-58)
+        motion.run("A-20,0,-40,0,1", "MN4-ERR-02")
+
+
+def _are_refused(motion: BoardMotion, texts: Sequence[str]) -> bool:
+    """Judge that what this board does not take is refused; whether there is any of that."""
+    refused = [text for text in texts if motion.driver.refusal_of(text) is not None]
+    for text in refused:
         motion.driver.draws(text, motion.driver.errors("PARA_ERROR"), "MN4-ERR-02")
-        for by in (REFUSED_STEPS, -REFUSED_STEPS):
-            motion.run(f"M{by}", "MN4-ERR-02", samples=4)
+    return bool(refused)
 
 
 @check("MN4-PAR-09", safety=MOTION)
@@ -325,13 +353,12 @@ def counters_go_round(session: Session) -> None:
 
 @check("MN4-PKT-05", "MN4-PKT-12", "MN4-ERR-02", safety=MOTION)
 def what_is_refused_moves_nothing(session: Session) -> None:
-    """M with a wrong sum, with a letter in a number, with a space in it."""
+    """M with a wrong sum, with a letter in a number, with a space in it; settings, what opens and
+    what ends with a wrong sum: motions are as if it had not been sent."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.ready()
-    raw = codec.with_wrong_checksum(driver.client.request("M100"))
-    codes = driver.errors("CHKSUMERROR", is_recognised=False)
-    driver.judge(driver.client.ask_raw(raw), codes, "MN4-PKT-05")
+    driver.ignores("M100")
     motion.stays("MN4-PKT-05")
     driver.draws("M10a", driver.errors("PARA_ERROR"), "MN4-ERR-02")
     motion.stays("MN4-ERR-02")
@@ -343,6 +370,47 @@ def what_is_refused_moves_nothing(session: Session) -> None:
             motion.stays("MN4-PKT-12")
     counters, _ = motion.read()
     session.expect(not any(counters), "MN4-PKT-05", "0, 0, 0, 0", counters)
+    _judge_ignored_settings(motion)
+    _judge_ignored_ends(motion)
+
+
+def _judge_ignored_settings(motion: BoardMotion) -> None:
+    """What sets, holds or opens under a wrong sum: moves there and back, and an arc, are as
+    before."""
+    steps = motion.within(IGNORED_STEPS)
+    motion.ready("B60,60,0,0", speed=steps)
+    plane, mode = motion.plane(2, 1, 3), motion.mode(is_absolute=True)
+    for text in (*IGNORED, plane, mode):
+        motion.driver.ignores(text)
+    for text in (f"M{steps},5", f"M{-steps},-5"):
+        motion.run(text, "MN4-PKT-05")
+    motion.do("B0,0,0,0", "MN4-PKT-05")  # in an arc it may be taken up otherwise (MN4-AMB-58)
+    motion.run("A-20,0,-40,0,1", "MN4-PKT-05")
+
+
+def _judge_ignored_ends(motion: BoardMotion) -> None:
+    """What ends, pauses, resumes or runs under a wrong sum: a move, its pause, and a contour that
+    is entered go on."""
+    steps = motion.within(IGNORED_STEPS)
+    motion.ready(speed=steps)
+    motion.do(f"M{steps}", "MN4-PKT-05")
+    for text in "Q{":
+        motion.driver.ignores(text)
+    motion.follow("MN4-PKT-05")
+    motion.do(f"M{-steps}", "MN4-PKT-05")
+    motion.do("{", "MN4-PKT-05")
+    motion.rest_paused()
+    for text in "}Q":
+        motion.driver.ignores(text)
+    motion.stays("MN4-PKT-05")
+    motion.do("}", "MN4-PKT-05")
+    motion.follow("MN4-PKT-05")
+    motion.set("(")
+    motion.do(f"M{steps}", "MN4-PKT-05")
+    for text in ("V50", "Q", ")"):
+        motion.driver.ignores(text)
+    motion.do(")", "MN4-PKT-05")
+    motion.follow("MN4-PKT-05")
 
 
 @check("MN4-SYN-02", safety=MOTION)

@@ -75,9 +75,9 @@ def release_with_nothing_pending_is_told(session: Session) -> None:
 @check("MN4-PAR-01", "MN4-RSP-11")
 @restoring("VXP")
 def letters_have_no_case(session: Session) -> None:
-    """Reads and orders in lower case are served like the others."""
+    """Reads and orders in lower case are served, and refused, like the others."""
     driver = BoardDriver(session)
-    for text in ("e", "n", "s", "v2000", "x1", "q", "p1,3,2"):
+    for text in ("e", "n", "s", "v2000", "x1", "q", "p1,3,2", "x3", "k"):
         upper = driver.ask(text.upper())
         lower = driver.ask(text)
         session.expect(lower.codes == upper.codes, "MN4-PAR-01", upper, lower)
@@ -228,20 +228,28 @@ def no_address_and_no_rate_beyond_those_there_are(session: Session) -> None:
     driver.draws(f"~{rate}", ("START", "BAUDCHANGEOK", *more), "MN4-CMD-BAUD-04")
 
 
-@check("MN4-PKT-14", "MN4-PKT-13", "MN4-ERR-03", "MN4-CMD-RTX-01")
+@check("MN4-PKT-14", "MN4-PKT-13", "MN4-ERR-03", "MN4-CMD-RTX-01", "MN4-ERR-05", "MN4-PKT-05")
 @restoring("L")
 def a_payload_may_be_as_long_as_the_longest_command(session: Session) -> None:
-    """69 characters are looked at, 200 draw SLAVEBUFFOV, or one more than there is room for; & and
-    a poll work after both."""
+    """69 characters are looked at, 200 draw SLAVEBUFFOV, or one more than there is room for, and
+    behind those 69 draw what they drew before.  200 under a wrong sum do nothing; & and a poll
+    work after all."""
     driver = BoardDriver(session)
     longest = "L" + "0" * 68
-    exchange = driver.ask(longest)
-    session.expect(
-        "SLAVEBUFFOV" not in exchange.codes, "MN4-PKT-13", "no SLAVEBUFFOV", exchange.observed
-    )
-    exchange = driver.ask("L" + "1" * max(200, int(driver.reading("rx_payload_max"))))
+    first = driver.ask(longest)
+    session.expect("SLAVEBUFFOV" not in first.codes, "MN4-PKT-13", "no SLAVEBUFFOV", first.observed)
+    most = max(200, int(driver.reading("rx_payload_max")))
+    exchange = driver.ask("L" + "1" * most)
     codes = driver.errors("SLAVEBUFFOV", is_recognised=False)
     driver.tells(exchange.says(*codes), "MN4-PKT-14", " and ".join(codes), exchange)
+    for _ in range(2):
+        driver.draws(longest, first.codes, "MN4-ERR-05")
+    driver.command(MARKED)
+    raw = codec.with_wrong_checksum(driver.client.request("L" + "0" * most))
+    exchange = driver.client.ask_raw(raw)
+    session.expect("DONE" not in exchange.codes, "MN4-PKT-05", "no DONE", exchange.observed)
     if exchange.is_sound:
         driver.repeats(exchange, "MN4-CMD-RTX-01")
+    position = driver.position()
+    session.expect(position == MARK, "MN4-PKT-05", MARK, position, "after L under a wrong sum")
     driver.draws("*", PRESENT, "MN4-ERR-03")

@@ -226,9 +226,10 @@ def a_repetition_repeats_and_carries_nothing_out(session: Session) -> None:
     motion.follow("MN4-CMD-RTX-03")
 
 
-@check("MN4-CMD-SW-01", safety=MOTION)
+@check("MN4-CMD-SW-01", "MN4-PKT-05", safety=MOTION)
 def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
-    """AbortFlag is 1 after Q has ended a move, 0 after | and behind the next move."""
+    """AbortFlag is 1 after Q has ended a move, also behind a | under a wrong sum, 0 after | and
+    behind the next move."""
     needs_flags(session)
     motion, steps = slow_board(session)
     for ends in (("|",), (f"M{steps}",)):
@@ -238,6 +239,9 @@ def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
         session.expect(first == 1, "MN4-CMD-SW-01", 1, first, "AbortFlag after Q")
         seen = "next_or_clear" if second else "read"
         motion.driver.follows("abort_flag_clear", seen, "MN4-CMD-SW-01")
+        motion.driver.ignores("|")
+        third = motion.driver.flags()["AbortFlag"]
+        session.expect(third == second, "MN4-PKT-05", second, third, "AbortFlag as before")
         for text in ends:
             motion.do(text, "MN4-CMD-SW-01")
         flag = motion.driver.flags()["AbortFlag"]

@@ -16,6 +16,8 @@ ORDER = 30
 
 READS: Final = ("E", "N", "S", "/", "?", "[", ":")
 PLAIN_ORDERS: Final = ("V2000", "Q")
+# What makes the value of E long, and leaves a comma and a zero in it (MN4-AMB-02).
+WIDE_LOAD: Final = "L-1000000000,0,-1000000000,-1000000000"
 # What each read tells in numbers: the requirement, and how many.
 FIELDS: Final = {
     "E": ("MN4-CMD-E-01", AXES), "N": ("MN4-CMD-N-01", AXES), "S": ("MN4-CMD-S-01", 1),
@@ -26,9 +28,12 @@ MOST_INPUTS: Final = 65535
 
 
 @check("MN4-RSP-12", "MN4-RSP-04", "MN4-RSP-10")
+@restoring("L")
 def every_value_ends_in_the_same_way(session: Session) -> None:
-    """All data packets have one trailer, and all but the firmware are plain numbers."""
+    """All data packets have one trailer, short ones and long ones, and all but the firmware are
+    plain numbers."""
     driver = BoardDriver(session)
+    driver.command(WIDE_LOAD)
     trailers = set()
     for text in driver.known(READS):
         exchange = driver.draws(text, DATA, "MN4-RSP-04")
