@@ -138,10 +138,11 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
             session.expect(code == 0, "MN4-PAU-03", 0, code, "exit code after pauses")
 
 
-@check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", safety=MOTION)
+@check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-ERR-02",
+       safety=MOTION)  # fmt: skip
 def pauses_end_as_they_should(session: Session) -> None:
-    """A pause at rest holds nothing back; what is asked for in a pause waits behind it; Q drops
-    all of it."""
+    """A pause at rest holds nothing back; what is asked for in a pause waits behind it, whatever is
+    refused meanwhile; Q drops all of it."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(1100, "these moves")
@@ -159,9 +160,10 @@ def pauses_end_as_they_should(session: Session) -> None:
     motion.do("M0,100", "MN4-PAU-04")
     after = motion.stays("MN4-PAU-04")
     session.expect(after == here, "MN4-PAU-04", here, after)
+    driver.draws("X3", driver.errors("PARA_ERROR"), "MN4-ERR-02")
     motion.do("}", "MN4-CMD-PAU-02")
-    counters = motion.rest()
-    session.expect(counters == (1000, 100, 0, 0), "MN4-PAU-04", "1000, 100, 0, 0", counters)
+    counters, names = motion.rest(), ("MN4-PAU-04", "MN4-ERR-02")
+    session.expect(counters == (1000, 100, 0, 0), names, "1000, 100, 0, 0", counters)
     motion.ready(speed=1000)
     motion.do("M1000", "MN4-PAU-05")
     driver.target.wait(0.3)
