@@ -80,13 +80,14 @@ def a_held_move_waits_for_its_release(session: Session) -> None:
 def _hold_drops_nothing(motion: BoardMotion, steps: int) -> None:
     """H while a move runs and another waits: both are made in the end, even if the second should
     wait for K or for H0."""
-    for text in (f"M{steps}", "M,,1", hold_text(motion)):
+    motion.rest()
+    for text in (f"M,,{steps}", "M,,,1", hold_text(motion)):
         motion.do(text, "MN4-CMD-H-01")
     motion.wait_until(motion.ends[1])
     motion.driver.ask("K")
     turn_hold_off(motion.driver)
-    place, wanted = motion.rest(), (steps, 0, 1, 0)
-    told = f"{wanted} when M{steps} and the move behind it are over"
+    place, wanted = motion.rest(), (0, 0, steps, 1)
+    told = f"{wanted} when M,,{steps} and M,,,1 behind it are over"
     motion.session.expect(place == wanted, "MN4-CMD-H-01", told, place, "H was sent meanwhile")
 
 
@@ -134,14 +135,14 @@ def hold_stays_on_after_a_release(session: Session) -> None:
     motion, steps = held(session, RELEASED_S)
     keep(motion, f"M{steps}", "MN4-CMD-K-02")
     release(motion, "MN4-CMD-K-02")
-    exchange = motion.driver.ask(f"M{-steps}")
+    exchange = motion.driver.ask(f"M,{-steps}")
     told = "START and DONE, or START and MOVEPENDING"
     is_taken = exchange.codes in (DONE, ("START", "MOVEPENDING"))
     session.step(is_taken, told, exchange, "to a move after K")
     is_on = motion.driver.ask("?").codes == ("START", "MOVEPENDING")
     seen = "stays_on" if is_on else "one_shot"
     motion.driver.follows("hold_after_release", seen, "MN4-CMD-K-02")
-    motion.model.accept(f"M{-steps}", motion.span(exchange))
+    motion.model.accept(f"M,{-steps}", motion.span(exchange))
     if is_on:
         motion.driver.draws("{", ("START", "MOVEPENDING"), "MN4-RSP-09")
         release(motion, "MN4-CMD-K-01")
