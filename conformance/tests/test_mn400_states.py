@@ -202,7 +202,7 @@ FAULTS: dict[str, tuple[str, Plant, str]] = {
     "K to all does nothing": (
         "a_release_of_all_boards_is_one_of_this", hears(("K", "E")), "MN4-CMD-K-03"),
     "a move after K is refused": (
-        "hold_stays_on_after_a_release", hears(("M-40", "M-")), "MN4-CMD-K-02"),
+        "hold_stays_on_after_a_release", hears(("M,-40", "M,-")), "MN4-CMD-K-02"),
     "ready: no S": ("at_rest_every_command_is_served", code("S", BUSY), "MN4-STM-02"),
     "ready: L loads more": (
         "at_rest_every_command_is_served", hears(("L1,2,3,4", "L1,2,3,5")), "MN4-STM-02"),

@@ -11,10 +11,12 @@ from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.queue import slow_board
 from axistwin_conformance.families.mn400.driver import DONE
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
+from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off
 
 ORDER = 130
 
 HOLD_S: Final = 0.6  # for which a move that is held is watched
+RELEASED_S: Final = 0.8  # for which a move runs that has been released, while another is held
 STEPS: Final = 40
 # Commands that a board refuses while a move is pending; with an effect that would be seen.
 REFUSED: Final = (
@@ -64,7 +66,8 @@ def release(motion: BoardMotion, requirement: Requirements, *, everyone: bool = 
 @check("MN4-CMD-H-01", "MN4-CMD-H-02", "MN4-CMD-K-01", "MN4-PKT-05", safety=MOTION)
 def a_held_move_waits_for_its_release(session: Session) -> None:
     """With hold on a move is accepted and no axis moves; K runs it, and nothing under a wrong sum
-    does, or ends hold.  With hold off it runs at once."""
+    does, or ends hold.  With hold off it runs at once, and what H comes upon in motion is not
+    lost."""
     motion, steps = held(session)
     keep(motion, f"M{steps},{-steps}", "MN4-CMD-H-01")
     _stays_pending(motion)
@@ -73,6 +76,7 @@ def a_held_move_waits_for_its_release(session: Session) -> None:
     _judge_ignored(motion, f"M{-steps},{steps}")
     _hold_off(motion)
     motion.run(f"M{steps},{-steps}", "MN4-CMD-H-02")
+    _hold_drops_nothing(motion, steps)
 
 
 def _judge_ignored(motion: BoardMotion, text: str) -> None:
@@ -88,6 +92,20 @@ def _judge_ignored(motion: BoardMotion, text: str) -> None:
     driver.draws("?", ("START", "MOVEPENDING"), "MN4-PKT-05")
     release(motion, "MN4-PKT-05")
     motion.follow("MN4-PKT-05")
+
+
+def _hold_drops_nothing(motion: BoardMotion, steps: int) -> None:
+    """H while a move runs and another waits: both are made in the end, even if the second should
+    wait for K or for H0."""
+    first, second, third, fourth = motion.rest()
+    for text in (f"M,,{steps}", "M,,,1", hold_text(motion)):
+        motion.do(text, "MN4-CMD-H-01")
+    motion.wait_until(motion.ends[1])
+    motion.driver.ask("K")
+    turn_hold_off(motion.driver)
+    place, wanted = motion.rest(), (first, second, third + steps, fourth + 1)
+    told = f"{wanted} when M,,{steps} and M,,,1 behind it are over"
+    motion.session.expect(place == wanted, "MN4-CMD-H-01", told, place, "H was sent meanwhile")
 
 
 @check("MN4-CMD-H-01", "MN4-CMD-K-01", safety=MOTION)
@@ -127,24 +145,27 @@ def _hold_off(motion: BoardMotion) -> None:
     motion.set("H0" if takes else "H")
 
 
-@check("MN4-CMD-K-02", safety=MOTION)
+@check("MN4-CMD-K-02", "MN4-CMD-K-01", "MN4-RSP-09", safety=MOTION)
 def hold_stays_on_after_a_release(session: Session) -> None:
-    """A second move is pending after K has run the first."""
-    motion, steps = held(session)
+    """A second move is pending while the first runs that K has released; a { that is refused then
+    pauses nothing, and a K that comes meanwhile runs the second behind the first."""
+    motion, steps = held(session, RELEASED_S)
     keep(motion, f"M{steps}", "MN4-CMD-K-02")
     release(motion, "MN4-CMD-K-02")
-    motion.follow("MN4-CMD-K-02")
-    exchange = motion.driver.ask(f"M{-steps}")
+    exchange = motion.driver.ask(f"M,{-steps}")
     told = "START and DONE, or START and MOVEPENDING"
     is_taken = exchange.codes in (DONE, ("START", "MOVEPENDING"))
     session.step(is_taken, told, exchange, "to a move after K")
     is_on = motion.driver.ask("?").codes == ("START", "MOVEPENDING")
     seen = "stays_on" if is_on else "one_shot"
     motion.driver.follows("hold_after_release", seen, "MN4-CMD-K-02")
-    motion.model.accept(f"M{-steps}", motion.span(exchange))
+    motion.model.accept(f"M,{-steps}", motion.span(exchange))
     if is_on:
-        release(motion, "MN4-CMD-K-02")
-    motion.follow("MN4-CMD-K-02")
+        motion.driver.draws("{", ("START", "MOVEPENDING"), "MN4-RSP-09")
+        release(motion, "MN4-CMD-K-01")
+        motion.target.wait(RELEASED_S / 4)
+        motion.look("MN4-RSP-09")
+    motion.follow("MN4-CMD-K-01")
     _hold_off(motion)
 
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import Final
 
 from axistwin_conformance.base.check import check
-from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.session import Requirements, Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
 from axistwin_conformance.families.mn400.model.motions import Span, VectorMotion
@@ -138,10 +138,11 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
             session.expect(code == 0, "MN4-PAU-03", 0, code, "exit code after pauses")
 
 
-@check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", safety=MOTION)
+@check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-ERR-02",
+       safety=MOTION)  # fmt: skip
 def pauses_end_as_they_should(session: Session) -> None:
-    """A pause at rest holds nothing back; what is asked for in a pause waits behind it; Q drops
-    all of it."""
+    """A pause at rest holds nothing back; what is asked for in a pause waits behind it, whatever is
+    refused meanwhile; Q drops all of it."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(1100, "these moves")
@@ -159,9 +160,10 @@ def pauses_end_as_they_should(session: Session) -> None:
     motion.do("M0,100", "MN4-PAU-04")
     after = motion.stays("MN4-PAU-04")
     session.expect(after == here, "MN4-PAU-04", here, after)
+    driver.draws("X3", driver.errors("PARA_ERROR"), "MN4-ERR-02")
     motion.do("}", "MN4-CMD-PAU-02")
-    counters = motion.rest()
-    session.expect(counters == (1000, 100, 0, 0), "MN4-PAU-04", "1000, 100, 0, 0", counters)
+    counters, names = motion.rest(), ("MN4-PAU-04", "MN4-ERR-02")
+    session.expect(counters == (1000, 100, 0, 0), names, "1000, 100, 0, 0", counters)
     motion.ready(speed=1000)
     motion.do("M1000", "MN4-PAU-05")
     driver.target.wait(0.3)
@@ -212,11 +214,11 @@ def what_is_set_in_a_pause_is_for_later_moves(session: Session) -> None:
         motion.run("M-400", "MN4-STM-01", samples=3)
 
 
-@check("MN4-CMD-Q-01", "MN4-CMD-Q-02", "MN4-QUIT-01", "MN4-QUIT-02", "MN4-CMD-N-02", "MN4-CMD-N-03",
-       safety=MOTION)  # fmt: skip
+@check("MN4-CMD-Q-01", "MN4-CMD-Q-02", "MN4-CMD-Q-03", "MN4-QUIT-01", "MN4-QUIT-02",
+       "MN4-CMD-N-02", "MN4-CMD-N-03", safety=MOTION)  # fmt: skip
 def quit_stops_and_forgets(session: Session) -> None:
-    """Q ends the move where it is, and what waits behind it; relative moves go on from there, and
-    absolute places stay what they were."""
+    """Q ends the move where it is, and what waits behind it; another Q at rest changes nothing of
+    what N tells.  Relative moves go on from there, and absolute places stay what they were."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(2000, "these moves")
@@ -240,7 +242,10 @@ def quit_stops_and_forgets(session: Session) -> None:
         if is_flushed:
             session.expect(here[2] == 0, "MN4-CMD-Q-02", "axis 3 at rest", here)
         motion.stays("MN4-CMD-Q-02")
-        _judge_rest(motion, here, by if is_flushed else here)  # else of the one that ran since
+        aim = by if is_flushed else here  # else of the one that ran since
+        _judge_rest(motion, here, aim, "MN4-CMD-N-02", "after Q")
+        motion.do("Q", "MN4-CMD-Q-03")
+        _judge_rest(motion, here, aim, "MN4-CMD-Q-03", "after Q and a Q at rest")
         motion.run("M10,10", "MN4-QUIT-02")
         motion.do(motion.mode(is_absolute=True), "MN4-QUIT-02")
         motion.run("M0,0,0,0", "MN4-QUIT-02")
@@ -283,14 +288,20 @@ def _judge_left(motion: BoardMotion, by: tuple[int, ...]) -> None:
     motion.session.expect(is_right, "MN4-CMD-N-03", f"at most {by}, none of axis 3", left)
 
 
-def _judge_rest(motion: BoardMotion, here: tuple[int, ...], by: tuple[int, ...]) -> None:
+def _judge_rest(
+    motion: BoardMotion,
+    here: tuple[int, ...],
+    by: tuple[int, ...],
+    requirement: Requirements,
+    when: str,
+) -> None:
     """Judge what is left of a move that was ended (MN4-AMB-39)."""
     driver = motion.driver
     rest = driver.counted(map(operator.sub, by, here))
     if driver.reading("readcount_after_abort") == "zero":
         rest = (0,) * AXES
     left = driver.steps_left()
-    motion.session.expect(left == rest, "MN4-CMD-N-02", rest, left, "after Q")
+    motion.session.expect(left == rest, requirement, rest, left, when)
 
 
 @check("MN4-CMD-EXIT-02", "MN4-MEA-06", safety=MOTION)

@@ -64,18 +64,21 @@ def standing_axis_loaded(driver: BoardDriver) -> str:
     return "L,7" if driver.reading("omitted_param") == "keep" else "L0,7,0,0"
 
 
-@check("MN4-STM-01", safety=MOTION)
+@check("MN4-STM-01", "MN4-ERR-02", safety=MOTION)
 def counters_are_loaded_in_their_turn(session: Session) -> None:
-    """An L sent while a move runs is carried out behind it, where settings are queued at all."""
+    """An L sent while a move runs is carried out behind it, where settings are queued at all; an X3
+    that is refused meanwhile drops nothing of what waits."""
     motion, steps = slow_board(session)
     driver = motion.driver
     motion.do(f"M{steps}", "MN4-STM-01")
     motion.do(standing_axis_loaded(driver), "MN4-STM-01")
     is_queued = driver.position()[1] == 0
     driver.follows("queue_modal", "true" if is_queued else "false", "MN4-STM-01")
+    driver.draws("X3", driver.errors("PARA_ERROR"), "MN4-ERR-02")
     motion.wait_until(motion.ends[1])
     position = motion.rest()
-    session.expect(position[1] == 7, "MN4-STM-01", "counter 2 loaded with 7", position)
+    names, told = ("MN4-STM-01", "MN4-ERR-02"), "counter 2 loaded with 7"
+    session.expect(position[1] == 7, names, told, position, "X3 was refused meanwhile")
 
 
 @check("MN4-STM-02", safety=MOTION)
@@ -164,17 +167,22 @@ def fill_queue(motion: BoardMotion) -> tuple[int, BoardExchange]:
 
 
 def judge_each_place(session: Session, taken: int, seconds: float) -> None:
-    """Fill a queue of so many places again, which takes so long, and let it all run: each move that
-    was taken has led on."""
+    """Fill a queue of so many places again, which takes so long, offer it one move more, and let it
+    all run: each move that was taken has led on, and the one that was refused has not."""
     motion, steps = slow_board(session, seconds + SPARE_S)
     motion.do(f"M{steps}", "MN4-STM-01")
     for number in range(taken):
         motion.driver.draws(one_step_text(number, motion.room), DONE, "MN4-STM-03")
+    exchange = motion.driver.ask(one_step_text(taken, motion.room))
+    if motion.now[1] > motion.ends[0]:
+        session.skip("the move was over before the queue was full again")
+    motion.driver.judge(exchange, motion.driver.errors("SLAVEBUFFOV"), "MN4-STM-03")
     motion.wait_until(motion.ends[1] + Fraction(taken, motion.model.settings.speed))
     place = motion.rest()
     wanted = steps, *all_steps(taken, motion.room)[1:]
     told = f"{wanted} when M{steps} and {taken} moves of axes 2, 3 and 4 by one step are over"
-    session.expect(place == wanted, "MN4-STM-01", told, place, "all of which were taken")
+    names = ("MN4-STM-01", "MN4-STM-03")
+    session.expect(place == wanted, names, told, place, "all of which were taken, and no other")
 
 
 def empty_queue(motion: BoardMotion, taken: int) -> None:
@@ -226,24 +234,28 @@ def a_repetition_repeats_and_carries_nothing_out(session: Session) -> None:
     motion.follow("MN4-CMD-RTX-03")
 
 
-@check("MN4-CMD-SW-01", "MN4-PKT-05", safety=MOTION)
+@check("MN4-CMD-SW-01", "MN4-CMD-Q-03", "MN4-PKT-05", safety=MOTION)
 def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
-    """AbortFlag is 1 after Q has ended a move, also behind a | under a wrong sum, 0 after | and
-    behind the next move."""
+    """AbortFlag is 1 after Q has ended a move, be it paused or not, also behind a | under a wrong
+    sum, 0 after | and behind the next move, and still 0 after a Q at rest."""
     needs_flags(session)
     motion, steps = slow_board(session)
-    for ends in (("|",), (f"M{steps}",)):
+    for before, behind in (((), "|"), (("{",), f"M{steps}")):
         motion.set(f"M{steps}")
-        motion.do("Q", "MN4-CMD-SW-01")
+        for text in (*before, "Q"):
+            motion.do(text, "MN4-CMD-SW-01")
         first, second = (motion.driver.flags()["AbortFlag"] for _ in range(2))
-        session.expect(first == 1, "MN4-CMD-SW-01", 1, first, "AbortFlag after Q")
+        told = f"AbortFlag after {' and '.join((*before, 'Q'))}"
+        session.expect(first == 1, "MN4-CMD-SW-01", 1, first, told)
         seen = "next_or_clear" if second else "read"
         motion.driver.follows("abort_flag_clear", seen, "MN4-CMD-SW-01")
         motion.driver.ignores("|")
         third = motion.driver.flags()["AbortFlag"]
         session.expect(third == second, "MN4-PKT-05", second, third, "AbortFlag as before")
-        for text in ends:
-            motion.do(text, "MN4-CMD-SW-01")
+        motion.do(behind, "MN4-CMD-SW-01")
         flag = motion.driver.flags()["AbortFlag"]
-        session.expect(flag == 0, "MN4-CMD-SW-01", 0, flag, f"AbortFlag behind {ends[0]}")
+        session.expect(flag == 0, "MN4-CMD-SW-01", 0, flag, f"AbortFlag behind {behind}")
         motion.follow("MN4-CMD-SW-01")
+    motion.do("Q", "MN4-CMD-Q-03")
+    flag = motion.driver.flags()["AbortFlag"]
+    session.expect(flag == 0, "MN4-CMD-Q-03", 0, flag, "AbortFlag after a Q at rest")
