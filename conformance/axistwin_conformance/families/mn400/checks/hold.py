@@ -111,9 +111,10 @@ def _hold_off(motion: BoardMotion) -> None:
     motion.set("H0" if takes else "H")
 
 
-@check("MN4-CMD-K-02", safety=MOTION)
+@check("MN4-CMD-K-02", "MN4-CMD-H-01", safety=MOTION)
 def hold_stays_on_after_a_release(session: Session) -> None:
-    """A second move is pending after K has run the first."""
+    """A second move is pending after K has run the first; and a third after Q has ended that, and
+    after what sets, clears or is refused."""
     motion, steps = held(session)
     keep(motion, f"M{steps}", "MN4-CMD-K-02")
     release(motion, "MN4-CMD-K-02")
@@ -128,8 +129,20 @@ def hold_stays_on_after_a_release(session: Session) -> None:
     motion.model.accept(f"M{-steps}", motion.span(exchange))
     if is_on:
         release(motion, "MN4-CMD-K-02")
+        _stays_on(motion, steps)
     motion.follow("MN4-CMD-K-02")
     _hold_off(motion)
+
+
+def _stays_on(motion: BoardMotion, steps: int) -> None:
+    """Neither Q, in motion and at rest, nor |, settings or an error turns hold off."""
+    for text in ("Q", "Q", "|", "V100", "L0,0,0,0"):
+        motion.do(text, "MN4-CMD-H-01")
+        motion.rest()
+    motion.driver.draws("M10a", motion.driver.errors("PARA_ERROR"), "MN4-CMD-H-01")
+    keep(motion, f"M{steps}", "MN4-CMD-H-01")
+    _stays_pending(motion)
+    release(motion, "MN4-CMD-K-01")
 
 
 @check("MN4-RSP-09", "MN4-CMD-K-01", "MN4-STM-08", "MN4-CMD-RTX-01", safety=MOTION)

@@ -113,10 +113,10 @@ def _judge_flags(motion: BoardMotion, *, is_paused: bool) -> None:
     motion.session.expect(seen == wanted, "MN4-CMD-SW-02", wanted, text)
 
 
-@check("MN4-PAU-02", "MN4-PAU-03", "MN4-CMD-PAU-02", safety=MOTION)
+@check("MN4-PAU-02", "MN4-PAU-03", "MN4-CMD-PAU-02", "MN4-CMD-N-02", safety=MOTION)
 def pauses_anywhere_lose_no_step(session: Session) -> None:
     """Up to three pauses at drawn times, near the end as well, in moves, arcs and helices: the end
-    is exact, the exit code 0."""
+    is exact, no step is left, the exit code is 0."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(1500, "these motions")
@@ -136,6 +136,8 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
             session.expect(is_right, names, told(wanted), counters, f"{text} with pauses")
             code = driver.exit_code()
             session.expect(code == 0, "MN4-PAU-03", 0, code, "exit code after pauses")
+            left, after = driver.steps_left(), f"after {text} with pauses"
+            session.expect(left == (0,) * AXES, "MN4-CMD-N-02", "0, 0, 0, 0", left, after)
 
 
 @check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", safety=MOTION)
