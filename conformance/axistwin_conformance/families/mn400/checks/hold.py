@@ -142,7 +142,7 @@ def _stays_on(motion: BoardMotion, steps: int) -> None:
     motion.driver.draws("M10a", motion.driver.errors("PARA_ERROR"), "MN4-CMD-H-01")
     keep(motion, f"M{steps}", "MN4-CMD-H-01")
     _stays_pending(motion)
-    release(motion, "MN4-CMD-K-01")
+    release(motion, "MN4-CMD-K-02")
 
 
 @check("MN4-RSP-09", "MN4-CMD-K-01", "MN4-STM-08", "MN4-CMD-RTX-01", safety=MOTION)
