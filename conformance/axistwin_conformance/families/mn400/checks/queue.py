@@ -26,7 +26,6 @@ QUEUE_S: Final = 40  # of a move behind which the queue is filled: about so many
 # What neither moves nor clears anything, behind a Q.
 LEAVING_FLAGS: Final = (
     "V200", "F1000,5000,10000", "X1", "B0,0,0,0", "D1,1,1,1", "Y1000", "L0,0,0,0",
-    "G2000,1000,100,10,8000",
 )  # fmt: skip
 SPARE_S: Final = 1  # by which a move lasts longer than it takes to fill the queue again
 
@@ -233,8 +232,8 @@ def a_repetition_repeats_and_carries_nothing_out(session: Session) -> None:
 
 @check("MN4-CMD-SW-01", "MN4-CMD-FH-02", safety=MOTION)
 def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
-    """AbortFlag is 1 after Q has ended a move, whatever is set or refused then, 0 after | and behind
-    the next move; FeedHold is as ; has it throughout."""
+    """AbortFlag is 1 after Q has ended a move, whatever is set or refused then, 0 after | and
+    behind the next move; FeedHold is as ; has it throughout."""
     needs_flags(session)
     motion, steps = slow_board(session)
     driver = motion.driver
