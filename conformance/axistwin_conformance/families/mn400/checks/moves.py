@@ -286,7 +286,8 @@ def the_slowest_and_the_fastest_rate_are_kept(session: Session) -> None:
 @check("MN4-CMD-V-05", "MN4-CMD-F-03", "MN4-MOT-15", "MN4-STM-01", "MN4-CMD-I-04", "MN4-RSP-06",
        safety=MOTION)  # fmt: skip
 def a_move_keeps_the_settings_of_its_time(session: Session) -> None:
-    """V, F and I that come during a move are for those behind it; each move ramps by itself."""
+    """V, F, I, P and B that come during a motion are for those behind it; each move ramps by
+    itself."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(1400, "these moves")
     for text, requirement in (
@@ -297,6 +298,14 @@ def a_move_keeps_the_settings_of_its_time(session: Session) -> None:
         motion.do(text, requirement)
         motion.do("M400", "MN4-RSP-06")
         motion.follow(requirement, "MN4-STM-01", requirement, samples=8)
+    for settings, runs, sent, waits in (
+        ((), "A-200,0,-400,0,1", motion.plane(1, 2, 4), "A100,0,200,0,-1"),
+        (("V100", "B50,50,0,0"), "M-30,-10", "B4,4,0,0", "M20,10"),  # sent within 0.5 s
+    ):
+        motion.ready(*settings)
+        for text in (runs, sent, waits):
+            motion.do(text, "MN4-STM-01")
+        motion.follow("MN4-STM-01", samples=8)
     if int(motion.driver.reading("queue_depth")) < MODES_QUEUED:
         session.not_run("MN4-CMD-I-04", "the queue of this board is too short (MN4-AMB-52)")
         return

@@ -245,9 +245,9 @@ def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
         motion.do(text, "MN4-CMD-SW-01")
     driver.draws("M10a", driver.errors("PARA_ERROR"), "MN4-CMD-SW-01")
     flags = driver.flags()
-    seen = flags["FeedHold"], flags["AbortFlag"]
+    both = flags["FeedHold"], flags["AbortFlag"]
     told = "FeedHold and AbortFlag after ;1, Q, settings and what is refused"
-    session.expect(seen == (1, 1), "MN4-CMD-SW-01", (1, 1), seen, told)
+    session.expect(both == (1, 1), "MN4-CMD-SW-01", (1, 1), both, told)
     motion.do("|", "MN4-CMD-SW-01")
     flags = driver.flags()
     session.expect(flags["FeedHold"] == 1, "MN4-CMD-FH-02", "FeedHold 1", flags, "after |")
