@@ -142,6 +142,8 @@ WRONG: dict[str, tuple[Make, str]] = {
     "a_move_stands_where_it_is_paused": (is_read_as(pause_decel="false"), "MN4-PAU-01"),
     "pauses_anywhere_lose_no_step": (hears(("}", "Q")), "MN4-PAU-03"),
     "pauses_end_as_they_should": (is_read_as(pause_idle="latch"), "MN4-CMD-PAU-04"),
+    "a_pause_ends_before_the_axes_stand": (hears(("}", "|")), "MN4-CMD-PAU-02"),
+    "a_pause_makes_no_step": (hears(("M2", "M3")), "MN4-CMD-N-01"),
     "a_resume_without_a_pause_changes_nothing": (hears(("}", "Q")), "MN4-CMD-PAU-04"),
     "what_is_set_in_a_pause_is_for_later_moves": (hears(("}", "|")), "MN4-CMD-V-05"),
     "quit_stops_and_forgets": (is_read_as(quit_flushes_queue="false"), "MN4-CMD-Q-02"),

@@ -6,6 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from axistwin.devices.mn400 import orders
+from axistwin.devices.mn400.commands import Interpreter
+from axistwin.devices.mn400.grammar import SPEED_MAX
 from axistwin.devices.mn400.motion import (
     MoveSettings,
     SpeedProfile,
@@ -25,6 +27,7 @@ from zoo_mn400.planting import (
     around,
     begins_with,
     board_mutant,
+    commands,
     plans,
     settles,
     values,
@@ -140,6 +143,17 @@ def speeds_are_a_tenth_less(patch: MonkeyPatch) -> None:
     _caps(patch, lambda cap, settings, speed, multiplex: max(2, cap * 9 // 10))
 
 
+@board_mutant("MN4-MOT-05")
+def a_multiplex_slows_one_axis_down(patch: MonkeyPatch) -> None:
+    """Its limit is that of a move of one axis as well."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, displacement: Any) -> Any:
+        speed = min(settings.speed, SPEED_MAX // settings.multiplex)
+        return go(now, replace(settings, speed=speed), displacement)
+
+    plans(patch, "straight", act)
+
+
 def _profiles(patch: MonkeyPatch, change: Any_) -> None:
     """Let each straight move have the profile `change(profile)`."""
 
@@ -185,7 +199,6 @@ def a_speed_acts_on_the_move_that_runs(patch: MonkeyPatch) -> None:
 @board_mutant("MN4-RSP-05", traps=(2, 46))
 def done_is_sent_at_the_end_of_a_move(patch: MonkeyPatch) -> None:
     """DONE of a move of less than 0.45 s is sent when it is over."""
-    from axistwin.devices.mn400.commands import Interpreter
 
     def act(go: Any_, one: Interpreter, line: Any, letter: str) -> Any:
         answer = go()
@@ -371,7 +384,6 @@ def a_contour_loses_its_last_segment(patch: MonkeyPatch) -> None:
 @board_mutant("MN4-CC-05", "MN4-CMD-CC-01", traps=(22,))
 def a_margin_stays(patch: MonkeyPatch) -> None:
     """( without a margin has that of the ( before it."""
-    from axistwin.devices.mn400.commands import Interpreter
 
     def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
         kept = getattr(one, "margin", 20)
@@ -487,6 +499,50 @@ def a_count_is_that_of_the_major_axis(patch: MonkeyPatch) -> None:
         return int(int(go()) // motion.settings.multiplex)
 
     around(patch, Mover, "_counted", act)
+
+
+@board_mutant("MN4-STM-01")
+def a_move_that_runs_is_counted_by_the_multiplex_that_came_last(patch: MonkeyPatch) -> None:
+    """X during a move changes the ticks of that one."""
+
+    def act(go: Any_, mover: Mover, motion: Any, now: int) -> int:
+        return int(go()) * mover.accepted.multiplex // int(motion.settings.multiplex)
+
+    around(patch, Mover, "_counted", act)
+
+
+@board_mutant("MN4-CMD-N-02")
+def what_a_pause_has_left_stays(patch: MonkeyPatch) -> None:
+    """N behind a move that was paused tells what was left in the pause."""
+
+    def pause(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        mover.noted = mover.left_at(now)  # type: ignore[attr-defined]
+        go()
+
+    def begin(go: Any_, mover: Mover, *given: Any) -> None:
+        mover.noted = None  # type: ignore[attr-defined]
+        go()
+
+    def finish(go: Any_, mover: Mover, now: int) -> None:
+        go()
+        noted = getattr(mover, "noted", None)
+        if noted is not None and not mover.is_aborted:
+            mover._left = noted
+
+    around(patch, Mover, "pause", pause)
+    around(patch, Mover, "_begin", begin)
+    around(patch, Mover, "_finish", finish)
+
+
+@board_mutant("MN4-CMD-EXIT-03")
+def the_bar_clears_what_is_left(patch: MonkeyPatch) -> None:
+    """| behind Q clears the exit code, and N."""
+
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        one._mover._left = (0, 0, 0, 0)
+        return go()
+
+    commands(patch, "|", act)
 
 
 @board_mutant("MN4-CMD-EXIT-02")

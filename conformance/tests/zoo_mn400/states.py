@@ -8,6 +8,7 @@ from typing import Any
 from axistwin.devices.mn400.commands import ContourEntry, Interpreter
 from axistwin.devices.mn400.motion import SpeedProfile, VectorMotion
 from axistwin.devices.mn400.motion.pace import TimedPace
+from axistwin.devices.mn400.motion.timeline import FINE
 from axistwin.devices.mn400.mover import Mover, Waiting
 from axistwin.devices.mn400.orders import BoardSettings, MotionOrder, MoveStart, StoredSegment
 from zoo_mn400.planting import (
@@ -335,6 +336,28 @@ def quit_counts_the_whole_move(patch: MonkeyPatch) -> None:
     around(patch, Mover, "quit", act)
 
 
+@board_mutant("MN4-CMD-H-01")
+def quit_ends_hold(patch: MonkeyPatch) -> None:
+    """Behind a Q in motion hold is off."""
+
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        one.is_holding = one.is_holding and not one._mover.is_busy
+        return go()
+
+    commands(patch, "Q", act)
+
+
+@board_mutant("MN4-CMD-SW-01")
+def a_speed_clears_the_abort_flag(patch: MonkeyPatch) -> None:
+    """AbortFlag is 0 behind Q and V."""
+
+    def act(go: Any_, one: Interpreter, line: Any, given: Any) -> Any:
+        one._mover.is_aborted = False
+        return go()
+
+    commands(patch, "V", act)
+
+
 # --- what Q drops ---------------------------------------------------------------------------------
 
 
@@ -470,6 +493,45 @@ def a_resume_begins_the_ramp_of_a_move_anew(patch: MonkeyPatch) -> None:
             mover._motion = replace(stopped, is_paused=True).resume(now)
             mover._watch(now)
         go()
+
+    around(patch, Mover, "resume", act)
+
+
+@board_mutant("MN4-CMD-PAU-01")
+def a_pause_counts_the_step_it_is_in(patch: MonkeyPatch) -> None:
+    """{ at start speed and below counts the next step, which is then left out."""
+
+    def act(go: Any_, pace: TimedPace, now: int, x: int, ramped: bool) -> Any:
+        place, _ = pace._state_at(now)
+        unit = pace.stretches[0].multiplex << FINE
+        return go(now, min(pace.x1, -(-max(x, place) // unit) * unit), ramped)
+
+    around(patch, TimedPace, "stopped", act)
+
+
+def _is_braking(mover: Mover, now: int) -> bool:
+    """Whether a pause still brakes what it pauses."""
+    return mover.is_paused and not mover.stands_at(now)
+
+
+@board_mutant("MN4-CMD-Q-01")
+def a_quit_is_lost_while_a_pause_brakes(patch: MonkeyPatch) -> None:
+    """Q before the axes stand is answered, and } goes on with the move."""
+
+    def act(go: Any_, mover: Mover, now: int) -> None:
+        if not _is_braking(mover, now):
+            go()
+
+    around(patch, Mover, "quit", act)
+
+
+@board_mutant("MN4-CMD-PAU-02")
+def a_resume_is_lost_while_a_pause_brakes(patch: MonkeyPatch) -> None:
+    """} before the axes stand is answered, and the move stays paused."""
+
+    def act(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if reason != "command" or not _is_braking(mover, now):
+            go()
 
     around(patch, Mover, "resume", act)
 

@@ -145,10 +145,11 @@ def _hold_off(motion: BoardMotion) -> None:
     motion.set("H0" if takes else "H")
 
 
-@check("MN4-CMD-K-02", "MN4-CMD-K-01", "MN4-RSP-09", safety=MOTION)
+@check("MN4-CMD-K-02", "MN4-CMD-K-01", "MN4-CMD-H-01", "MN4-RSP-09", safety=MOTION)
 def hold_stays_on_after_a_release(session: Session) -> None:
     """A second move is pending while the first runs that K has released; a { that is refused then
-    pauses nothing, and a K that comes meanwhile runs the second behind the first."""
+    pauses nothing, and a K that comes meanwhile runs the second behind the first.  Another is
+    pending after Q has ended one, and after what sets, clears or is refused."""
     motion, steps = held(session, RELEASED_S)
     keep(motion, f"M{steps}", "MN4-CMD-K-02")
     release(motion, "MN4-CMD-K-02")
@@ -165,8 +166,23 @@ def hold_stays_on_after_a_release(session: Session) -> None:
         release(motion, "MN4-CMD-K-01")
         motion.target.wait(RELEASED_S / 4)
         motion.look("MN4-RSP-09")
-    motion.follow("MN4-CMD-K-01")
+        motion.follow("MN4-CMD-K-01")
+        keep(motion, f"M{-steps}", "MN4-CMD-K-02")
+        release(motion, "MN4-CMD-K-02")
+        _stays_on(motion, steps)
+    motion.follow("MN4-CMD-K-02")
     _hold_off(motion)
+
+
+def _stays_on(motion: BoardMotion, steps: int) -> None:
+    """Neither Q, in motion and at rest, nor |, settings or an error turns hold off."""
+    for text in ("Q", "Q", "|", "V100", "L0,0,0,0"):
+        motion.do(text, "MN4-CMD-H-01")
+        motion.rest()
+    motion.driver.draws("M10a", motion.driver.errors("PARA_ERROR"), "MN4-CMD-H-01")
+    keep(motion, f"M{steps}", "MN4-CMD-H-01")
+    _stays_pending(motion)
+    release(motion, "MN4-CMD-K-02")
 
 
 @check("MN4-RSP-09", "MN4-CMD-K-01", "MN4-STM-08", "MN4-CMD-RTX-01", safety=MOTION)

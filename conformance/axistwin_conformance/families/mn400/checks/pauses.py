@@ -32,6 +32,8 @@ WAITING: Final = ("M0,0,500", "L0,7,0,0")  # behind a move of axis 1; Q drops it
 RAMPED: Final = (500, 5000, 5000)  # a profile by which M2000 at V3000 takes 1.1 s
 # What runs with that, and when } comes: on the ramp up, at speed, on the ramp down.
 UNPAUSED: Final = ((("M2000",), (0.2, 0.5, 0.8)), (("(", "M1000,-30", "M1000,30", ")"), (0.3, 0.8)))
+BRAKING: Final = (100, 1000, 1000)  # by which a pause at 0.6 s brakes for as long
+SLOW, FEW = 2, 2  # steps/s and steps of a move whose steps are far from one another
 # What is set while something at V1000 is paused: speeds below and above, a lower end speed.
 SLOWER, FASTER, LOWER = "V500", "V3000", "F400,500,1000"
 PAUSED_AND_SET: Final = (
@@ -113,10 +115,10 @@ def _judge_flags(motion: BoardMotion, *, is_paused: bool) -> None:
     motion.session.expect(seen == wanted, "MN4-CMD-SW-02", wanted, text)
 
 
-@check("MN4-PAU-02", "MN4-PAU-03", "MN4-CMD-PAU-02", safety=MOTION)
+@check("MN4-PAU-02", "MN4-PAU-03", "MN4-CMD-PAU-02", "MN4-CMD-N-02", safety=MOTION)
 def pauses_anywhere_lose_no_step(session: Session) -> None:
     """Up to three pauses at drawn times, near the end as well, in moves, arcs and helices: the end
-    is exact, the exit code 0."""
+    is exact, no step is left, the exit code is 0."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(1500, "these motions")
@@ -136,10 +138,12 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
             session.expect(is_right, names, told(wanted), counters, f"{text} with pauses")
             code = driver.exit_code()
             session.expect(code == 0, "MN4-PAU-03", 0, code, "exit code after pauses")
+            left, after = driver.steps_left(), f"after {text} with pauses"
+            session.expect(left == (0,) * AXES, "MN4-CMD-N-02", "0, 0, 0, 0", left, after)
 
 
-@check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-ERR-02",
-       safety=MOTION)  # fmt: skip
+@check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-CMD-Q-01",
+       "MN4-CMD-N-02", "MN4-CMD-SW-02", "MN4-ERR-02", safety=MOTION)  # fmt: skip
 def pauses_end_as_they_should(session: Session) -> None:
     """A pause at rest holds nothing back; what is asked for in a pause waits behind it, whatever is
     refused meanwhile; Q drops all of it."""
@@ -157,10 +161,12 @@ def pauses_end_as_they_should(session: Session) -> None:
     driver.target.wait(0.3)
     motion.do("{", "MN4-PAU-04")
     here = motion.rest_paused()
-    motion.do("M0,100", "MN4-PAU-04")
+    for text in ("V1000", "|", "M0,100"):
+        motion.do(text, "MN4-PAU-04")
     after = motion.stays("MN4-PAU-04")
     session.expect(after == here, "MN4-PAU-04", here, after)
     driver.draws("X3", driver.errors("PARA_ERROR"), "MN4-ERR-02")
+    _judge_flags(motion, is_paused=True)
     motion.do("}", "MN4-CMD-PAU-02")
     counters, names = motion.rest(), ("MN4-PAU-04", "MN4-ERR-02")
     session.expect(counters == (1000, 100, 0, 0), names, "1000, 100, 0, 0", counters)
@@ -168,11 +174,59 @@ def pauses_end_as_they_should(session: Session) -> None:
     motion.do("M1000", "MN4-PAU-05")
     driver.target.wait(0.3)
     motion.do("{", "MN4-PAU-05")
-    here = motion.rest_paused()
+    motion.rest_paused()
+    _judge_quit(motion)
+
+
+@check("MN4-CMD-PAU-02", "MN4-CMD-Q-01", "MN4-PAU-05", "MN4-CMD-N-02", safety=MOTION)
+def a_pause_ends_before_the_axes_stand(session: Session) -> None:
+    """} while a pause still brakes lets the move go on to its end; Q there ends it where it is."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(1000, "this move")
+    for text in ("}", "Q"):
+        motion.ready(speed=1000, profile=BRAKING)
+        motion.do("M1000", "MN4-CMD-PAU-02")
+        motion.driver.target.wait(0.6)
+        motion.do("{", "MN4-CMD-PAU-02")
+        motion.driver.target.wait(0.1)
+        if text == "}":
+            motion.do(text, "MN4-CMD-PAU-02")
+            motion.follow("MN4-CMD-PAU-02")
+    _judge_quit(motion)
+
+
+def _judge_quit(motion: BoardMotion) -> None:
+    """Judge that Q ends a move of 1000 steps that is paused, and that no } brings it back."""
     motion.do("Q", "MN4-PAU-05")
+    if motion.driver.reading("quit_decel") == "false":
+        motion.stays("MN4-CMD-Q-01")
+    here = motion.rest()
+    _judge_rest(motion, here, (1000, 0, 0, 0), "MN4-CMD-N-02", "after Q")
     motion.do("}", "MN4-PAU-05")
     after = motion.stays("MN4-PAU-05")
-    session.expect(after == here, "MN4-PAU-05", here, after)
+    motion.session.expect(after == here, "MN4-PAU-05", here, after)
+
+
+@check("MN4-CMD-PAU-01", "MN4-CMD-N-01", "MN4-CMD-PAU-02", safety=MOTION)
+def a_pause_makes_no_step(session: Session) -> None:
+    """{ right behind a step of a slow move, of which the next one is far: E stands, N is the rest,
+    and what is left takes its time."""
+    motion = BoardMotion(BoardDriver(session))
+    driver = motion.driver
+    motion.ready(speed=SLOW)
+    motion.do(f"M{FEW}", "MN4-CMD-PAU-01")
+    before, seen = motion.read()
+    while before[0] < 1 and seen[1] < motion.ends[1]:
+        before, seen = motion.read()
+    exchange = motion.do("{", "MN4-CMD-PAU-01")
+    if motion.span(exchange)[1] - seen[0] > Fraction(1, 2 * SLOW):
+        session.skip("its replies take too long to tell")
+    after = driver.position()
+    session.expect(after == before, "MN4-CMD-PAU-01", before, after, "E behind {")
+    rest, left = driver.counted(map(operator.sub, (FEW, 0, 0, 0), after)), driver.steps_left()
+    session.expect(left == rest, "MN4-CMD-N-01", rest, left, f"left of M{FEW} at {after}")
+    motion.do("}", "MN4-CMD-PAU-02")
+    motion.follow("MN4-CMD-PAU-02")
 
 
 @check("MN4-CMD-PAU-04", "MN4-MOT-10", safety=MOTION)

@@ -23,6 +23,10 @@ MOST_TAKEN: Final = 1024  # commands; where a queue or a contour ends that takes
 MOST_ONE_WAY: Final = 400  # steps: three axes have room for more moves than are ever queued
 NO_END: Final = "{taken} commands are queued, and no end of it"
 QUEUE_S: Final = 40  # of a move behind which the queue is filled: about so many at 9600 baud
+# What neither moves nor clears anything, behind a Q.
+LEAVING_FLAGS: Final = (
+    "V200", "F1000,5000,10000", "X1", "B0,0,0,0", "D1,1,1,1", "Y1000", "L0,0,0,0",
+)  # fmt: skip
 SPARE_S: Final = 1  # by which a move lasts longer than it takes to fill the queue again
 
 
@@ -234,12 +238,33 @@ def a_repetition_repeats_and_carries_nothing_out(session: Session) -> None:
     motion.follow("MN4-CMD-RTX-03")
 
 
-@check("MN4-CMD-SW-01", "MN4-CMD-Q-03", "MN4-PKT-05", safety=MOTION)
+def _judge_flags_behind_settings(motion: BoardMotion, steps: int) -> None:
+    driver = motion.driver
+    motion.set(f"M{steps}")
+    for text in (";1", "Q"):
+        motion.do(text, "MN4-CMD-SW-01")
+    motion.rest()
+    for text in (*LEAVING_FLAGS, motion.mode(is_absolute=False)):
+        motion.do(text, "MN4-CMD-SW-01")
+    driver.draws("M10a", driver.errors("PARA_ERROR"), "MN4-CMD-SW-01")
+    flags = driver.flags()
+    both = flags["FeedHold"], flags["AbortFlag"]
+    told = "FeedHold and AbortFlag after ;1, Q, settings and what is refused"
+    motion.session.expect(both == (1, 1), "MN4-CMD-SW-01", (1, 1), both, told)
+    motion.do("|", "MN4-CMD-SW-01")
+    flags = driver.flags()
+    motion.session.expect(flags["FeedHold"] == 1, "MN4-CMD-FH-02", "FeedHold 1", flags, "after |")
+    motion.do(";0", "MN4-CMD-FH-02")
+
+
+@check("MN4-CMD-SW-01", "MN4-CMD-FH-02", "MN4-CMD-Q-03", "MN4-PKT-05", safety=MOTION)
 def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
-    """AbortFlag is 1 after Q has ended a move, be it paused or not, also behind a | under a wrong
-    sum, 0 after | and behind the next move, and still 0 after a Q at rest."""
+    """AbortFlag is 1 after Q has ended a move, paused or not, whatever is set or refused then,
+    also behind a | under a wrong sum; 0 after | and behind the next move, and still 0 after a Q at
+    rest.  FeedHold is as ; has it throughout."""
     needs_flags(session)
     motion, steps = slow_board(session)
+    _judge_flags_behind_settings(motion, steps)
     for before, behind in (((), "|"), (("{",), f"M{steps}")):
         motion.set(f"M{steps}")
         for text in (*before, "Q"):

@@ -21,6 +21,11 @@ STEPS: Final = 60
 MOVERS: Final = "MA+TCJ"
 SWITCHES: Final = "H("
 NUMBER: Final = re.compile("[0-9]+")
+# What leaves N and E as they are, at rest behind a Q.
+LEFT_ALONE: Final = (
+    ("|", "MN4-CMD-EXIT-03"), ("V300", "MN4-CMD-N-02"), ("F300,400,500", "MN4-CMD-N-02"),
+    ("B1,1,1,1", "MN4-CMD-N-02"), ("X2", "MN4-CMD-N-02"), ("Q", "MN4-CMD-Q-03"),
+)  # fmt: skip
 REFUSALS: Final = ("MN4-ERR-02", "MN4-PAR-02", "MN4-PAR-03", "MN4-PAR-04", "MN4-PAR-09")
 
 
@@ -81,16 +86,22 @@ def a_space_is_no_part_of_a_command(session: Session) -> None:
         driver.draws(text, codes, "MN4-PKT-12")
 
 
-@check("MN4-CMD-L-03", safety=MOTION)
+@check("MN4-CMD-L-03", "MN4-CMD-EXIT-03", "MN4-CMD-N-02", "MN4-CMD-Q-03", safety=MOTION)
 def loading_leaves_what_is_left_of_a_move(session: Session) -> None:
-    """N after Q tells the same before and after L."""
+    """N after Q tells the same before and after L; N and E do before and after |, settings and
+    another Q."""
     motion, steps = slow_board(session, 1, STEPS)
     driver = motion.driver
     motion.do(f"M{steps}", "MN4-CMD-L-03")
     driver.target.wait(0.4)
     motion.do("Q", "MN4-CMD-L-03")
-    motion.rest()
-    before = driver.steps_left()
+    here, before = motion.rest(), driver.steps_left()
+    for text, requirement in LEFT_ALONE:
+        motion.do(text, requirement)
+        seen = driver.position(), driver.steps_left()
+        is_same = seen == (here, before)
+        told = f"told by E and N behind {text}"
+        session.expect(is_same, requirement, (here, before), seen, told)
     motion.do("L5,6,7,8", "MN4-CMD-L-03")
     after = driver.steps_left()
     session.expect(after == before, "MN4-CMD-L-03", before, after, "told by N")

@@ -123,12 +123,12 @@ def accel_scale(driver: BoardDriver) -> Outcome:
 
 @probe(safety=MOTION)
 def multiplex_cap(driver: BoardDriver) -> Outcome:
-    """A diagonal at 60000 steps/s and multiplex 4."""
+    """A diagonal at 50000 steps/s and multiplex 4."""
     motion = BoardMotion(driver)
-    motion.needs_speed(60_000, "this move")
-    motion.needs_room(40_000, "this move")
-    recorded = RecordedMotion(driver, "X4", speed=60_000, profile=(60_000, 60_000, 10_000))
-    if not recorded.starts("M40000,40000"):
+    motion.needs_speed(50_000, "this move")
+    motion.needs_room(16_000, "this move")
+    recorded = RecordedMotion(driver, "X4", speed=50_000, profile=(50_000, 50_000, 10_000))
+    if not recorded.starts("M16000,16000"):
         return 1
     found = recorded.watch(2.0).tells("multiplex_cap")
     # The model knows of no error: where it fits without the limit, that was none.
