@@ -128,18 +128,23 @@ def the_rate_can_be_set(session: Session) -> None:
 
 def _judge_new_rate(driver: BoardDriver, number: int) -> None:
     session, old = driver.session, driver.target.baud
-    change = change_rate(driver, number)
+    is_lossless = session.target.is_lossless
+    change = change_rate(driver, number, is_late=not is_lossless)
     names = ("MN4-CMD-BAUD-01", "MN4-DROP-11")
     came = "nothing" if change.before is None else words.packet_words(change.before)
     is_start = change.before is not None and change.codes[:1] == ("START",)
     session.expect(is_start, names, f"START at {old} baud", came, f"to ~{number}")
     usual = ("DONE",) if driver.reading("baud_reply") == "plus_done" else ()
     wanted = ("START", "BAUDCHANGEOK", *usual)
-    if session.target.is_lossless:
+    told = f"{' and '.join(wanted[1:])} at {codec.RATES[number]} baud"
+    if is_lossless:
         is_right = change.codes == wanted and not change.strays
-        told = f"{' and '.join(wanted[1:])} at {codec.RATES[number]} baud"
         session.expect(is_right, names, told, _after(change), f"to ~{number}")
     else:  # what is said while our end changes its rate may be lost; & says it again
+        said = codec.codes_of(packet for packet in change.after if packet.is_sound)
+        is_right = "BAUDCHANGEOK" not in said
+        came = f"{_after(change)} at {old} baud"
+        session.expect(is_right, names, told, came, f"to ~{number}")
         driver.draws("&", wanted[-1:], names)
     driver.draws("*", PRESENT, "MN4-PHY-01")
     driver.target.baud = old
