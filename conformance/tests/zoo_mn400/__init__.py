@@ -13,23 +13,16 @@ from zoo_mn400 import (
     motion,
     parameters,
     rig,
+    runs,
     side_effects,
     states,
     stored,
 )
 
 FAMILIES = (
-    frames,
-    parameters,
-    states,
-    effects,
-    side_effects,
-    long_paths,
-    motion,
-    rig,
-    stored,
+    frames, parameters, states, effects, side_effects, long_paths, motion, rig, stored, runs,
     boards,
-)
+)  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(
     one for family in FAMILIES for one in vars(family).values() if isinstance(one, Mutant)

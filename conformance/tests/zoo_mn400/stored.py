@@ -41,6 +41,26 @@ def lines_are_carried_out_when_entered(patch: MonkeyPatch) -> None:
     around(patch, Interpreter, "_store_line", act)
 
 
+def _acts_on_settings(patch: MonkeyPatch, entry: str) -> None:
+    """Let settings act, too, which are entered as lines."""
+
+    def act(go: Any_, one: Interpreter, line: Any) -> Any:
+        found = go()
+        if one.entry == entry and line.raw[:1].upper() in b"VFIXBDP":
+            part, one.entry = one.entry, None
+            one.obey(line.now, line.raw, line.origin)
+            one.entry = part
+        return found
+
+    around(patch, Interpreter, "_store_line", act)
+
+
+@board_mutant("MN4-NVM-01", traps=(37,))
+def settings_act_when_a_program_is_entered(patch: MonkeyPatch) -> None:
+    """V and the like between Z and Ctrl-D are stored, and set something."""
+    _acts_on_settings(patch, "program")
+
+
 @board_mutant("MN4-STM-04", "MN4-NVM-02")
 def reads_are_served_in_an_entry(patch: MonkeyPatch) -> None:
     """E and ? between Z and Ctrl-D are answered and not stored."""
@@ -187,6 +207,35 @@ def a_program_empties_the_configuration(patch: MonkeyPatch) -> None:
     around(patch, ProgramStore, "begin", act)
 
 
+def _ends_entry(patch: MonkeyPatch, entry: str, change: Any_) -> None:
+    """Let `change(store)` be done before the entry of that part is over."""
+
+    def act(go: Any_, store: ProgramStore, part: Any) -> Any:
+        if part == entry:
+            change(store)
+        return go()
+
+    around(patch, ProgramStore, "end", act)
+
+
+@board_mutant("MN4-NVM-11")
+def a_program_at_its_end_empties_the_configuration(patch: MonkeyPatch) -> None:
+    """Ctrl-D writes the program over it."""
+
+    _ends_entry(patch, "program", lambda store: store._lines.update(config=()))
+
+
+@board_mutant("MN4-NVM-11")
+def a_long_configuration_empties_the_program(patch: MonkeyPatch) -> None:
+    """One of more than three lines is written over it."""
+
+    def change(store: ProgramStore) -> None:
+        if len(store._entry) > 3:
+            store._lines["program"] = ()
+
+    _ends_entry(patch, "config", change)
+
+
 # --- what runs ------------------------------------------------------------------------------------
 
 
@@ -308,6 +357,28 @@ def ctrl_d_ends_a_configuration(patch: MonkeyPatch) -> None:
         return go()
 
     judges(patch, act)
+
+
+@board_mutant("MN4-NVM-04", traps=(37,))
+def settings_act_when_a_configuration_is_entered(patch: MonkeyPatch) -> None:
+    """V and the like between . and Q are stored, and set something."""
+    _acts_on_settings(patch, "config")
+
+
+@board_mutant("MN4-NVM-04")
+def the_quit_of_a_configuration_is_its_last_line(patch: MonkeyPatch) -> None:
+    """Q ends the entry, and is stored."""
+    _ends_entry(patch, "config", lambda store: store._entry.append(b"Q"))
+
+
+@board_mutant("MN4-NVM-04")
+def an_empty_configuration_replaces_nothing(patch: MonkeyPatch) -> None:
+    """. and Q without a line between leave the lines of before."""
+
+    def change(store: ProgramStore) -> None:
+        store._entry = store._entry or list(store.lines("config"))
+
+    _ends_entry(patch, "config", change)
 
 
 @board_mutant("MN4-NVM-05")

@@ -35,6 +35,8 @@ NEW_IDS: Final = (5, 127, 64, 26)  # 127: address byte FFh
 FIXED: Final = "this board has one id for ever"
 SOCKET: Final = "a plain socket carries bytes, not a rate"
 CONFIGURED: Final = ("X1", "V2000", "B0,0,0,0")  # what power-on has anyway
+PROGRAM: Final = ("V500", "X2")
+LONG_LINE: Final = "L000000000000000001"  # longer than all of that program
 
 
 # --- the id ---------------------------------------------------------------------------------------
@@ -126,18 +128,23 @@ def the_rate_can_be_set(session: Session) -> None:
 
 def _judge_new_rate(driver: BoardDriver, number: int) -> None:
     session, old = driver.session, driver.target.baud
-    change = change_rate(driver, number)
+    is_lossless = session.target.is_lossless
+    change = change_rate(driver, number, is_late=not is_lossless)
     names = ("MN4-CMD-BAUD-01", "MN4-DROP-11")
     came = "nothing" if change.before is None else words.packet_words(change.before)
     is_start = change.before is not None and change.codes[:1] == ("START",)
     session.expect(is_start, names, f"START at {old} baud", came, f"to ~{number}")
     usual = ("DONE",) if driver.reading("baud_reply") == "plus_done" else ()
     wanted = ("START", "BAUDCHANGEOK", *usual)
-    if session.target.is_lossless:
+    told = f"{' and '.join(wanted[1:])} at {codec.RATES[number]} baud"
+    if is_lossless:
         is_right = change.codes == wanted and not change.strays
-        told = f"{' and '.join(wanted[1:])} at {codec.RATES[number]} baud"
         session.expect(is_right, names, told, _after(change), f"to ~{number}")
     else:  # what is said while our end changes its rate may be lost; & says it again
+        said = codec.codes_of(packet for packet in change.after if packet.is_sound)
+        is_right = "BAUDCHANGEOK" not in said
+        came = f"{_after(change)} at {old} baud"
+        session.expect(is_right, names, told, came, f"to ~{number}")
         driver.draws("&", wanted[-1:], names)
     driver.draws("*", PRESENT, "MN4-PHY-01")
     driver.target.baud = old
@@ -198,36 +205,68 @@ def a_configuration_is_kept_and_not_carried_out(session: Session) -> None:
 
 @check("MN4-NVM-11", safety=EVERYTHING, needs=ALONE)
 def a_configuration_leaves_the_program_as_it_is(session: Session) -> None:
-    """R lists the same before and after . and Q, with lines between and without."""
+    """R lists the same before and after . and Q, with many lines between and without."""
     driver = BoardDriver(session)
-    program = ("V500", "X2")
     with emptied_afterwards(driver):
-        enter_program(driver, program)
-        for lines in (CONFIGURED, ()):
+        enter_program(driver, PROGRAM)
+        for lines in (CONFIGURED * 4, ()):
             enter_configuration(driver, lines)
-            judge_listing(driver, program, ("MN4-NVM-11",))
+            judge_listing(driver, PROGRAM, ("MN4-NVM-11",))
 
 
-@check("MN4-NVM-08", safety=EVERYTHING, needs=ALONE, level="full")
+@check("MN4-NVM-08", "MN4-NVM-04", "MN4-NVM-11", safety=EVERYTHING, needs=ALONE, level="full")
 def both_programs_share_one_memory(session: Session) -> None:
-    """A configuration of so many bytes leaves so many less for the program."""
+    """What the configuration takes is missing to the program, to the byte, until . and Q replace
+    it; neither entry changes what the other has stored."""
     driver = BoardDriver(session)
     overhead = int(driver.reading("nvm_line_overhead"))
-    capacities = []
+    few, many = (sum(len(line) + overhead for line in one) for one in (PROGRAM, CONFIGURED * 20))
     with emptied_afterwards(driver):
-        for lines in ((), CONFIGURED * 20):
-            enter_program(driver, ())
-            enter_configuration(driver, lines)
-            with program_entry(driver):
-                filled = fill_store(driver)
-                end_program(driver)
-            capacities.append(filled.text_bytes + overhead * len(filled.lines))
+        enter_configuration(driver, ())
+        enter_program(driver, PROGRAM)
+        whole = few + _filled_bytes(driver, overhead)
+        judge_listing(driver, PROGRAM, ("MN4-NVM-11",), "beside a configuration")
+        _judge_full(driver)
         enter_program(driver, ())
-    taken = sum(len(line) + overhead for line in CONFIGURED * 20)
-    lost = capacities[0] - capacities[1]
-    session.expect(abs(lost - taken) <= overhead, "MN4-NVM-08", f"{taken} bytes less", lost)
+        enter_configuration(driver, CONFIGURED * 20)
+        with program_entry(driver):
+            filled = fill_store(driver)
+            end_program(driver)
+        enter_program(driver, ())
+    lost = whole - filled.text_bytes - overhead * len(filled.lines)
+    # Too much is what was stored beside the lines.
+    names = ("MN4-NVM-08", *(("MN4-NVM-04",) if lost > many else ()))
+    session.expect(abs(lost - many) <= overhead, names, f"{many} bytes less", lost)
     size = int(driver.reading("nvm_size"))
-    most = capacities[0] + overhead
-    session.expect(
-        capacities[0] <= size <= most, "MN4-NVM-08", f"{size} bytes in all", capacities[0]
-    )
+    is_right = whole <= size <= whole + overhead
+    session.expect(is_right, "MN4-NVM-08", f"{size} bytes in all", whole)
+
+
+def _filled_bytes(driver: BoardDriver, overhead: int) -> int:
+    """Fill the configuration until no line fits any more; the bytes that it takes."""
+    driver.command(".")
+    try:
+        filled = fill_store(driver)
+    finally:
+        driver.ask("Q")
+    return filled.text_bytes + overhead * len(filled.lines)
+
+
+def _judge_full(driver: BoardDriver) -> None:
+    """Judge that a program longer than the last one fits only when a configuration that fills the
+    rest has been replaced by an empty one, however many programs are entered before."""
+    for lines, name, is_full in (
+        ((), "MN4-NVM-08", True),
+        (PROGRAM, "MN4-NVM-11", True),
+        ((), "MN4-NVM-11", True),
+        ((), "MN4-NVM-04", False),
+    ):
+        if not is_full:
+            enter_configuration(driver, ())
+        with program_entry(driver):
+            for line in lines:  # they have fitted beside it while it was entered
+                driver.draws(line, DONE, "MN4-NVM-04")
+            exchange = driver.ask(LONG_LINE)
+            told = "a refusal" if is_full else "START and DONE"
+            is_taken = exchange.says(*DONE)
+            driver.session.expect(is_taken is not is_full, name, told, exchange.observed)

@@ -39,12 +39,45 @@ ORDER = 260
 
 RUN_S: Final = 20  # for which the program runs
 STEPS: Final = 400
+FEW: Final = 40  # of a move behind an entry: it takes 0.2 s
+LASH: Final = "B20,20,20,20"  # in force while lines are entered that would set another one
 STORING: Final = ("Z", ".", "U")
 
 
 def _sent(motion: BoardMotion, *left_out: str) -> tuple[str, ...]:
     """Every command as a line, but for these."""
     return tuple(text for text in (*TEXTS, *unchanged(motion), *STORING) if text not in left_out)
+
+
+def _settings(motion: BoardMotion) -> tuple[str, ...]:
+    """Lines that would change each setting that a move, an arc or a flag shows."""
+    plane, absolute = motion.plane(2, 4, 1), motion.mode(is_absolute=True)
+    lines = ("V2", "F2,2,1", "B0,0,0,0", "D-1,-1,-1,-1", "X4", plane, absolute, ";1")
+    return motion.driver.known(lines)
+
+
+def _prepared(session: Session) -> tuple[BoardMotion, int]:
+    """A board whose settings differ from all those, and the steps of a short move."""
+    motion, steps = slow_board(session)
+    for text in motion.driver.known((LASH, ";0")):
+        motion.set(text)
+    return motion, min(steps, FEW)
+
+
+def _judge_settings(motion: BoardMotion, steps: int, requirement: str) -> None:
+    """Judge by a flag and short motions that the settings are those of before the entry."""
+    session, driver = motion.session, motion.driver
+    if driver.reading("has_feedhold_cmds") == "true":
+        flags = driver.flags()
+        session.expect(flags["FeedHold"] == 0, requirement, "FeedHold 0", flags)
+    motion.do(f"M{steps},{steps}", requirement)
+    exchange = driver.ask("E1")
+    fields = (exchange.value.fields if exchange.value else None) or (FEW + 1,)
+    told = f"a count of at most {FEW}"
+    session.expect(fields[-1] <= FEW, requirement, told, exchange.observed)
+    motion.follow(requirement, samples=2)
+    motion.run(f"M-{steps},-{steps}", requirement, samples=2)
+    motion.run(f"A-{steps},0,-{steps},-{steps},1", requirement, samples=2)
 
 
 def _judge_line(motion: BoardMotion, text: str, requirement: str) -> None:
@@ -64,30 +97,34 @@ def _judge_line(motion: BoardMotion, text: str, requirement: str) -> None:
 @check("MN4-STM-04", "MN4-NVM-01", safety=RUNNING)
 def in_a_program_every_command_is_a_line(session: Session) -> None:
     """Each of the commands, wrong parameters and unknown ones between Z and Ctrl-D: what draws DONE
-    is listed by R, and nothing moves."""
-    motion, _ = slow_board(session)
+    is listed by R, nothing moves, and later motions go by the settings of before."""
+    motion, few = _prepared(session)
     with program_entry(motion.driver):
         motion.model.accept("Z", motion.now)
-        for text in _sent(motion, codec.END_OF_PROGRAM, "."):
+        for text in (*_sent(motion, codec.END_OF_PROGRAM, "."), *_settings(motion)):
             _judge_line(motion, text, "MN4-STM-04")
         motion.driver.judge(end_program(motion.driver), DONE, "MN4-NVM-01")
     position = motion.driver.position()
     session.expect(not any(position), "MN4-NVM-01", "counters of 0", position)
     judge_listing(motion.driver, motion.model.lines, ("MN4-STM-04",))
+    motion.model.accept(codec.END_OF_PROGRAM, motion.now)
+    _judge_settings(motion, few, "MN4-NVM-01")
 
 
 @check("MN4-NVM-04", safety=("motion", "stored", "destructive"), needs=("alone",))
 def in_a_configuration_every_command_is_a_line(session: Session) -> None:
-    """Each of the commands between . and Q draws DONE or INVALIDPROGCOMM; nothing moves."""
-    motion, _ = slow_board(session)
+    """Each of the commands between . and Q draws DONE or INVALIDPROGCOMM; nothing moves, and later
+    motions go by the settings of before."""
+    motion, few = _prepared(session)
     with emptied_afterwards(motion.driver):
         motion.driver.draws(".", DONE, "MN4-NVM-04")
         motion.model.accept(".", motion.now)
-        for text in _sent(motion, "Q"):
+        for text in (*_sent(motion, "Q"), *_settings(motion)):
             _judge_line(motion, text, "MN4-NVM-04")
-        motion.driver.draws("Q", DONE, "MN4-NVM-04")
+        motion.do("Q", "MN4-NVM-04")
         position = motion.driver.position()
         session.expect(not any(position), "MN4-NVM-04", "counters of 0", position)
+        _judge_settings(motion, few, "MN4-NVM-04")
 
 
 @check("MN4-CMD-U-01", "MN4-STM-02", safety=RUNNING)

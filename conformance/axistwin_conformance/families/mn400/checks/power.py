@@ -48,6 +48,7 @@ STEPS: Final = 6
 MOTION: Final = ("L0,0,0,0", PROFILE, "V100")
 UP_S: Final = 1.0  # by which a board should hear
 SETTLE_S: Final = 0.3  # a move of 6 steps takes 0.06 s, one behind a compensation 0.4 s
+SLOW_SPEED: Final = 20  # steps/s: those 6 steps take 0.3 s
 AT_REST: Final = (0, 0, 0, 0)
 # A configuration with bad lines between these two, and the counters behind the first.
 FIRST_LINE: Final = "L1,2,3,4"
@@ -141,8 +142,8 @@ def what_was_said_last_does_not_outlive_the_supply(session: Session) -> None:
 @check("MN4-PWR-01", "MN4-PWR-03", safety=MOVED, needs=POWER)
 @restoring("VFBDPXIL")
 def axes_are_those_of_power_on(session: Session) -> None:
-    """After a power cycle backlash, directions and plane are what they are at power-on, whatever
-    was set before."""
+    """After a power cycle backlash, directions, plane and multiplex are what they are at power-on,
+    whatever was set before."""
     driver = BoardDriver(session)
     plane = BoardMotion(driver).plane(2, 4, 1)
     for text in ("B32,32,32,32", "D-1,-1,-1,-1", plane, "X4"):
@@ -151,14 +152,30 @@ def axes_are_those_of_power_on(session: Session) -> None:
     for text in MOTION:
         driver.command(text)
     _judge_defaults(driver, ("MN4-PWR-01", "MN4-PWR-03"))
+    _judge_multiplex(driver, ("MN4-PWR-01", "MN4-PWR-03"))
+
+
+def _judge_multiplex(driver: BoardDriver, names: tuple[str, ...]) -> None:
+    """Judge by what E1 counts of a slow move of two axes that the multiplex is 1."""
+    driver.command(f"V{SLOW_SPEED}")
+    driver.command(f"M{STEPS},{STEPS}")
+    exchange = driver.ask("E1")
+    most = SLOW_SPEED // 5  # twice what a multiplex of 1 counts
+    fields = (exchange.value.fields if exchange.value else None) or (most + 1,)
+    is_right = fields[-1] <= most
+    driver.session.expect(is_right, names, f"a count of at most {most}", exchange.observed)
+    driver.target.wait(STEPS / SLOW_SPEED)
+    driver.command(f"M-{STEPS},-{STEPS}")
+    driver.target.wait(STEPS / SLOW_SPEED + SETTLE_S)
 
 
 @check("MN4-PWR-02", "MN4-PWR-03", safety=MOVED, needs=POWER)
-@restoring("VFIL")
+@restoring("VFHIL")
 def speed_and_profile_are_those_of_power_on(session: Session) -> None:
-    """After a power cycle a short move is as fast as by the settings of power-on."""
+    """After a power cycle a short move is as fast as by the settings of power-on, and not held."""
     driver = BoardDriver(session)
-    for text in ("F2,2,1", "V2"):
+    hold = ("H1",) if driver.reading("hold_takes_arg") == "true" else ()
+    for text in ("F2,2,1", "V2", *hold):
         driver.command(text)
     power_cycle(driver)
     driver.command("L0,0,0,0")

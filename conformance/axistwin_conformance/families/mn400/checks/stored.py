@@ -14,6 +14,7 @@ from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400.driver import DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.persistence.programs import (
     PROFILE,
+    absolute_mode,
     end_program,
     enter_program,
     fill_store,
@@ -32,6 +33,7 @@ OTHER_LINES: Final = ("X2", "Y500")
 STEPS: Final = 10
 SLOW_SPEED, FAST_SPEED = 20, 200  # steps/s, both below the start speed: no ramps
 THERE_AND_BACK: Final = (f"V{SLOW_SPEED}", f"M{STEPS}", f"V{FAST_SPEED}", f"M-{STEPS}")
+LAST_SPEED: Final = f"V{SLOW_SPEED}"
 ONE_BY_ONE: Final = (f"V{SLOW_SPEED}", f"M{STEPS}", f"M,{STEPS}")
 MOVE_S: Final = STEPS / SLOW_SPEED
 LATE_S: Final = 0.2  # what a board may take for a line of a program
@@ -171,13 +173,14 @@ def what_does_not_fit_is_refused(session: Session) -> None:
 @check("MN4-CMD-U-01", "MN4-NVM-10", "MN4-NVM-01", safety=RUNNING)
 @restoring("IVFL")
 def a_program_runs_line_by_line(session: Session) -> None:
-    """U draws START and DONE at once; a V in the program is that of the moves behind it."""
+    """U draws START and DONE at once; a V in the program is that of the moves behind it, and of
+    those behind the program.  Each U begins with the first line, and the end is no abort."""
     driver = BoardDriver(session)
     if driver.reading("program_replies") == "true":
         session.skip("the replies of a running program fall into the reading of positions")
     for text in ("L0,0,0,0", PROFILE):
         driver.command(text)
-    enter_program(driver, (relative_mode(driver), *THERE_AND_BACK))
+    enter_program(driver, (relative_mode(driver), *THERE_AND_BACK, LAST_SPEED))
     driver.target.wait(MOVE_S)
     position = driver.position()
     session.expect(position == AT_REST, "MN4-NVM-01", "no motion", position)
@@ -187,6 +190,19 @@ def a_program_runs_line_by_line(session: Session) -> None:
     driver.target.wait(MOVE_S)
     position = driver.position()
     session.expect(position == AT_REST, "MN4-CMD-U-01", AT_REST, position, "at the end")
+    if driver.reading("has_feedhold_cmds") == "true":
+        flags = driver.flags()
+        session.expect(not flags["AbortFlag"], "MN4-CMD-U-01", "no AbortFlag", flags, "at the end")
+    exchange = driver.command(f"M{STEPS}")
+    _judge_at(driver, exchange.asked_ns, MOVE_S / 2, range(STEPS // 2 - 3, STEPS // 2 + 3))
+    driver.target.wait(MOVE_S)
+    for text in (absolute_mode(driver), "L7,0,0,-7"):  # the first line takes that back
+        driver.command(text)
+    driver.draws("U", DONE, "MN4-CMD-U-01")
+    driver.target.wait(2 * MOVE_S)
+    position = driver.position()
+    wanted = (7, 0, 0, -7)
+    session.expect(position == wanted, "MN4-CMD-U-01", wanted, position, "behind a second U")
 
 
 def _judge_at(driver: BoardDriver, begun_ns: int, after_s: float, wanted: range) -> None:
@@ -255,7 +271,8 @@ def a_running_program_says_nothing(session: Session) -> None:
 @check("MN4-CMD-Q-05", "MN4-CMD-U-01", safety=RUNNING)
 @restoring("IVFL")
 def quit_ends_a_running_program(session: Session) -> None:
-    """Q during the first move: the axis stands, and the second move never comes."""
+    """Q during the first move: the axis stands, and the second move never comes; U begins with the
+    first line again."""
     driver = BoardDriver(session)
     for text in ("L0,0,0,0", PROFILE):
         driver.command(text)
@@ -269,6 +286,10 @@ def quit_ends_a_running_program(session: Session) -> None:
     session.expect(first == last, "MN4-CMD-Q-05", first, last, f"{3 * MOVE_S} s after Q")
     is_cut = 0 < last[0] < STEPS and last[1:] == AT_REST[1:]
     session.expect(is_cut, "MN4-CMD-Q-05", f"less than {STEPS} steps of axis 1 alone", last)
+    driver.draws("U", DONE, "MN4-CMD-U-01")
+    driver.target.wait(2 * MOVE_S + 2 * LATE_S)
+    end, wanted = driver.position(), (last[0] + STEPS, STEPS, 0, 0)
+    session.expect(end == wanted, "MN4-CMD-U-01", wanted, end, "behind a second U")
 
 
 @check("MN4-CMD-PAU-03", safety=RUNNING)

@@ -20,7 +20,8 @@ from axistwin_conformance.families.mn400.persistence.programs import leave_entry
 
 @dataclass(frozen=True, slots=True)
 class RateChange:
-    """What ~ has drawn: the packet at the rate before, and all that came at the new one."""
+    """What ~ has drawn: the packet at the rate before, and all that came at the new one, or what
+    came at the rate before instead."""
 
     before: BoardPacket | None
     after: tuple[BoardPacket, ...]
@@ -44,14 +45,17 @@ def other_ids(driver: BoardDriver, *wanted: int) -> tuple[int, ...]:
     return tuple(board for board in wanted if board not in taken)
 
 
-def change_rate(driver: BoardDriver, number: int) -> RateChange:
-    """Send ~ and follow the board to its new rate with our end of the line."""
+def change_rate(driver: BoardDriver, number: int, *, is_late: bool = False) -> RateChange:
+    """Send ~ and follow the board to its new rate with our end of the line; `is_late`: when all
+    that it says has been heard at the rate before."""
     client, limit_s = driver.client, driver.session.reply_timeout_s
     driver.target.drain()
     client.send(client.request(f"~{number}"))
     before, strays = client.receive_packet(limit_s)
-    driver.target.baud = codec.RATES[number]
+    if not is_late:
+        driver.target.baud = codec.RATES[number]
     found, more = codec.packets(client.listen(limit_s))
+    driver.target.baud = codec.RATES[number]
     return RateChange(before, found, strays + more)
 
 
