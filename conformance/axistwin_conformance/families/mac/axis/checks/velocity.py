@@ -8,7 +8,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import velocity
+from axistwin_conformance.families.mac.axis.driver.motion import as_velocity, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.motion import (
@@ -233,7 +233,7 @@ def velocity_takes_over_from_a_segment(session: Session) -> None:
         if outcome == 0:
             over_ns = first.taken.earliest_ns + segment.duration_ns
             driver.motion.taken_in_time(exchange, over_ns, "the segment")
-            forecast = driver.motion.as_velocity(first, start, segment.period)
+            forecast = as_velocity(driver.motion, first, start, segment.period)
             forecast = forecast.changed(exchange.taken, period)
             for _ in range(4):
                 driver.client.wait(0.1)

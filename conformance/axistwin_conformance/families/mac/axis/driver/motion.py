@@ -375,18 +375,6 @@ class AxisMotion:
             mode="VE",
         )
 
-    def as_velocity(self, exchange: AxisExchange, origin: int, period: int) -> Forecast:
-        """What to expect of an upward segment taken over at rest, where a 15h will take its speed
-        over before it ends."""
-        return Forecast.started(
-            exchange.taken,
-            origin,
-            1,
-            lambda law: Course(Profile((EvenRun(None, period),)), period, self.coefficient, law),
-            self._readings.law_of(self.coefficient, is_changed=True),
-            mode="VE",
-        )
-
     def _heading(self, direction: int) -> int:
         """The way this device turns when asked for a direction (MACS-AMB-07)."""
         return 1 if self._readings.known("vel_f6_direction") == 1 else direction
@@ -562,6 +550,19 @@ def _seen(sample: Sample, wanted: str) -> Observation:
     """Where the axis was, in words."""
     text = f"{REQUEST} read {counted(sample.position, 'increment')}"
     return Observation(text, f"position {sample.position}", wanted, is_whole=False)
+
+
+def as_velocity(motion: AxisMotion, exchange: AxisExchange, origin: int, period: int) -> Forecast:
+    """What to expect of an upward segment taken over at rest, where a 15h will take its speed over
+    before it ends."""
+    return Forecast.started(
+        exchange.taken,
+        origin,
+        1,
+        lambda law: Course(Profile((EvenRun(None, period),)), period, motion.coefficient, law),
+        motion._readings.law_of(motion.coefficient, is_changed=True),
+        mode="VE",
+    )
 
 
 def velocity(direction: int, period: int) -> int:
