@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from interfaces import PLAIN, InterfaceRun, judged_behind
 from mn400_twin import URL, AlteredTwin, session_of
+from zoo_mn400.boards import the_new_rate_is_told_at_the_old_one
 
 from axistwin_conformance.base.errors import TargetError
 from axistwin_conformance.base.events import Event, Note
@@ -51,6 +52,14 @@ def test_a_board_that_is_elsewhere_makes_no_line_noisy() -> None:
     assert told == []
     assert result.problems == []
     assert result.exit_status == 0, result.sentence
+
+
+def test_a_rate_that_is_told_at_the_old_one_is_found_on_a_line_that_may_lose_it() -> None:
+    """BAUDCHANGEOK is whole where our end has stayed."""
+    with the_new_rate_is_told_at_the_old_one.plant():
+        run, _ = judged("the_rate_can_be_set")
+    failed = {one.requirement.id for one in run.result.requirements if one.verdict is Verdict.FAIL}
+    assert failed == {"MN4-CMD-BAUD-01", "MN4-DROP-11"}
 
 
 def test_a_board_that_does_not_answer_any_more_is_brought_back_from_its_new_id() -> None:

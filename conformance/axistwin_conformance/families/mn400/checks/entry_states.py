@@ -34,6 +34,7 @@ from axistwin_conformance.families.mn400.persistence.programs import (
     relative_mode,
 )
 from axistwin_conformance.families.mn400.probes.stored import RUNNING
+from axistwin_conformance.families.mn400.snapshot import restoring
 
 ORDER = 260
 
@@ -78,6 +79,8 @@ def _judge_settings(motion: BoardMotion, steps: int, requirement: str) -> None:
     motion.follow(requirement, samples=2)
     motion.run(f"M-{steps},-{steps}", requirement, samples=2)
     motion.run(f"A-{steps},0,-{steps},-{steps},1", requirement, samples=2)
+    # The last way of all axes is that of the first: what was taken up of the backlash is let go.
+    motion.run(f"M{steps},{steps},{steps}", requirement, samples=2)
 
 
 def _judge_line(motion: BoardMotion, text: str, requirement: str) -> None:
@@ -95,6 +98,7 @@ def _judge_line(motion: BoardMotion, text: str, requirement: str) -> None:
 
 
 @check("MN4-STM-04", "MN4-NVM-01", safety=RUNNING)
+@restoring("B")
 def in_a_program_every_command_is_a_line(session: Session) -> None:
     """Each of the commands, wrong parameters and unknown ones between Z and Ctrl-D: what draws DONE
     is listed by R, nothing moves, and later motions go by the settings of before."""
@@ -112,6 +116,7 @@ def in_a_program_every_command_is_a_line(session: Session) -> None:
 
 
 @check("MN4-NVM-04", safety=("motion", "stored", "destructive"), needs=("alone",))
+@restoring("B")
 def in_a_configuration_every_command_is_a_line(session: Session) -> None:
     """Each of the commands between . and Q draws DONE or INVALIDPROGCOMM; nothing moves, and later
     motions go by the settings of before."""

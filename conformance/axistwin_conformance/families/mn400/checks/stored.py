@@ -14,7 +14,6 @@ from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400.driver import DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.persistence.programs import (
     PROFILE,
-    absolute_mode,
     end_program,
     enter_program,
     fill_store,
@@ -180,7 +179,8 @@ def a_program_runs_line_by_line(session: Session) -> None:
         session.skip("the replies of a running program fall into the reading of positions")
     for text in ("L0,0,0,0", PROFILE):
         driver.command(text)
-    enter_program(driver, (relative_mode(driver), *THERE_AND_BACK, LAST_SPEED))
+    first, *others = THERE_AND_BACK
+    enter_program(driver, (first, relative_mode(driver), *others, LAST_SPEED))
     driver.target.wait(MOVE_S)
     position = driver.position()
     session.expect(position == AT_REST, "MN4-NVM-01", "no motion", position)
@@ -196,13 +196,14 @@ def a_program_runs_line_by_line(session: Session) -> None:
     exchange = driver.command(f"M{STEPS}")
     _judge_at(driver, exchange.asked_ns, MOVE_S / 2, range(STEPS // 2 - 3, STEPS // 2 + 3))
     driver.target.wait(MOVE_S)
-    for text in (absolute_mode(driver), "L7,0,0,-7"):  # the first line takes that back
-        driver.command(text)
-    driver.draws("U", DONE, "MN4-CMD-U-01")
-    driver.target.wait(2 * MOVE_S)
     position = driver.position()
-    wanted = (7, 0, 0, -7)
-    session.expect(position == wanted, "MN4-CMD-U-01", wanted, position, "behind a second U")
+    driver.command(f"V{FAST_SPEED}")  # the first line takes that back
+    exchange = driver.draws("U", DONE, "MN4-CMD-U-01")
+    wanted = range(STEPS + STEPS // 2 - 3, STEPS + STEPS // 2 + 3)
+    _judge_at(driver, exchange.asked_ns, MOVE_S / 2, wanted)
+    driver.target.wait(2 * MOVE_S)
+    end = driver.position()
+    session.expect(end == position, "MN4-CMD-U-01", position, end, "behind a second U")
 
 
 def _judge_at(driver: BoardDriver, begun_ns: int, after_s: float, wanted: range) -> None:

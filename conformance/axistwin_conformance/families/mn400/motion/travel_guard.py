@@ -413,10 +413,13 @@ class BoardTravelGuard:
             self._received = b""
 
     def _hear(self, packet: BoardPacket, now_ns: int) -> None:
-        asked, board = self._asked, packet.board
+        asked, board, (said,) = self._asked, packet.board, codec.codes_of((packet,))
+        here = self.boards.get(board)
+        is_bare = asked is None and packet.command in ENDS
+        if is_bare and here is not None and (here.entry, said) == ("Z", "DONE"):
+            self.boards[board] = _line(here, packet.command)
         if asked is None or packet.command.upper() != asked.command.upper():
             return
-        said = codec.codes_of((packet,))[0]
         if board not in self._after:
             if said == "data" and asked.command.upper() == "E":
                 self._learn(board, asked, packet)

@@ -52,11 +52,6 @@ def relative_mode(driver: BoardDriver) -> str:
     return f"I{1 - int(driver.reading('abs_mode_value'))}"
 
 
-def absolute_mode(driver: BoardDriver) -> str:
-    """The line that selects the other one."""
-    return f"I{driver.reading('abs_mode_value')}"
-
-
 # --- the program ----------------------------------------------------------------------------------
 
 
