@@ -5,9 +5,22 @@ What a mutant is, and how one is judged, is the same as for the MAC modules: see
 
 from zoo.mutant import Mutant
 
-from zoo_mn400 import boards, effects, frames, long_paths, motion, parameters, rig, states, stored
+from zoo_mn400 import (
+    boards,
+    contexts,
+    effects,
+    frames,
+    long_paths,
+    motion,
+    parameters,
+    rig,
+    states,
+    stored,
+)
 
-FAMILIES = (frames, parameters, states, effects, long_paths, motion, rig, stored, boards)
+FAMILIES = (
+    frames, parameters, states, effects, long_paths, motion, contexts, rig, stored, boards,
+)  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(
     one for family in FAMILIES for one in vars(family).values() if isinstance(one, Mutant)

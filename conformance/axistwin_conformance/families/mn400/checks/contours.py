@@ -78,9 +78,9 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
         contour(motion, "(", ("M100,50", "M,-30,20", "M200,,,5", "M-40,10,10,10"))
         motion.do(")", "MN4-CMD-CC-02")
         motion.follow("MN4-CC-01")
-        motion.set("(")
-        motion.set(")")
-        motion.stays("MN4-CMD-CC-08")
+    for text in "()":
+        motion.driver.ask(text)
+    motion.stays(("MN4-CC-01", "MN4-CMD-CC-08"))
 
 
 @check("MN4-CC-01", "MN4-CMD-CC-01", "MN4-CC-05", "MN4-CMD-M-02", "MN4-STM-01", safety=MOTION)
