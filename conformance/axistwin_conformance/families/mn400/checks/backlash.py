@@ -152,9 +152,13 @@ def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
 
 
 def _judge_left(motion: BoardMotion) -> None:
-    """Within a compensation that no counter tells, N is the whole motion (MN4-AMB-58)."""
+    """Within a compensation that no counter tells, N is the whole motion (MN4-AMB-58); where it
+    may be over already it is not looked at."""
     driver = motion.driver
-    if driver.reading("backlash_counts") == "false" and driver.reading("readcount_arc") == "net":
+    is_apart = driver.reading("backlash_counts") == "false"
+    is_net = driver.reading("readcount_arc") == "net"
+    place = motion.model.where(motion.widened(motion.now))
+    if is_apart and is_net and not any(low or high for low, high in place):
         whole, left = driver.counted(low for low, _ in motion.end), driver.steps_left()
         driver.tells(left == whole, "MN4-BKL-03", f"{whole} left", left)
 
