@@ -199,6 +199,7 @@ OPEN: dict[str, Make] = {
     "counters_go_round": hears(("M20,-20", "M19,-20")),
     "steps_left_of_an_arc_are_those_to_its_end": is_read_as(readcount_arc="path"),
     "a_contour_has_room_for_256_segments": is_read_as(cc_capacity="100"),
+    "a_pause_in_the_compensation_loses_none_of_it": says("N", lambda told: [-60, 0, 0, 0]),
     "quit_in_the_compensation_leaves_the_whole_move": hears(("B*", "B0,0,0,0")),
     "a_measurement_disturbs_nothing": is_read_as(measure_position_sample="start"),
 }

@@ -7,6 +7,7 @@ from zoo.mutant import Mutant
 
 from zoo_mn400 import (
     boards,
+    contexts,
     effects,
     frames,
     long_paths,
@@ -20,8 +21,8 @@ from zoo_mn400 import (
 )
 
 FAMILIES = (
-    frames, parameters, states, effects, side_effects, long_paths, motion, rig, stored, runs,
-    boards,
+    frames, parameters, states, effects, side_effects, long_paths, motion, contexts, rig,
+    stored, runs, boards,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(

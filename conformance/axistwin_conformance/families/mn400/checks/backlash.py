@@ -17,6 +17,7 @@ WIDE: Final = 300  # steps: more than a byte holds
 FEW: Final = 40
 SLOW: Final = 500
 RAMPED: Final = (200, 4000, 10_000)  # start, end, acceleration: at neither of these speeds for long
+UNEVEN: Final = f"B{LASH},30,{LASH},30"  # so that it shows which axes make these steps
 ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
 # What waits behind a move of axis 1 until Q drops it: a move, an arc and a contour by which each
 # axis would have turned round.
@@ -85,8 +86,12 @@ def _ramped(session: Session) -> BoardMotion:
 
 @check("MN4-BKL-02", "MN4-BKL-04", "MN4-CMD-L-03", safety=MOTION)
 def the_memory_is_of_the_last_motion(session: Session) -> None:
-    """An axis that stood keeps it, one without backlash has it as well, L does not touch it."""
+    """An axis that stood keeps it, one without backlash has it as well, L does not touch it; one
+    that goes on as before makes no steps with those that turn round."""
     motion = begun(session)
+    motion.ready(UNEVEN, speed=SLOW)
+    for text in ("M-100,0,-100", "M-50,-50,-50,-50", "M50,0,50", "M50,50,50,50"):
+        motion.run(text, "MN4-BKL-02")
     motion.ready(ALL, speed=SLOW)
     for text in ("M-100,100", "M0,100", "M100", "M0,-100", "M-200"):
         motion.run(text, "MN4-BKL-02")
@@ -124,10 +129,11 @@ def what_quit_drops_is_not_remembered(session: Session) -> None:
     motion.run(f"M{FEW},{FEW},{FEW},{FEW}", "MN4-BKL-02")
 
 
-@check("MN4-BKL-01", "MN4-CMD-PAU-02", safety=MOTION)
+@check("MN4-BKL-01", "MN4-BKL-03", "MN4-CMD-PAU-02", safety=MOTION)
 def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
     """{ and } meanwhile, once and twice: the rest of it is made and no more, then the whole motion;
-    with a pause it is over no earlier than without, and later by the pause at most."""
+    with a pause it is over no earlier than without, and later by the pause at most.  What is left
+    is the whole motion as yet."""
     motion = begun(session)
     is_before_arcs = motion.driver.reading("backlash_arc") == "start_only"
     names = ("MN4-CMD-PAU-02", "MN4-BKL-01")
@@ -140,8 +146,21 @@ def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
         for _ in range(pauses):
             motion.driver.target.wait(PAUSED_AT_S / pauses)
             motion.do("{", names)
+            _judge_left(motion)
             motion.do("}", names)
         motion.follow(names, samples=8)
+
+
+def _judge_left(motion: BoardMotion) -> None:
+    """Within a compensation that no counter tells, N is the whole motion (MN4-AMB-58); where it
+    may be over already it is not looked at."""
+    driver = motion.driver
+    is_apart = driver.reading("backlash_counts") == "false"
+    is_net = driver.reading("readcount_arc") == "net"
+    place = motion.model.where(motion.widened(motion.now))
+    if is_apart and is_net and not any(low or high for low, high in place):
+        whole, left = driver.counted(low for low, _ in motion.end), driver.steps_left()
+        driver.tells(left == whole, "MN4-BKL-03", f"{whole} left", left)
 
 
 @check("MN4-BKL-05", safety=MOTION)

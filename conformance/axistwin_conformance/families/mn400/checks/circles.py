@@ -161,18 +161,20 @@ def an_arc_to_its_start_is_a_full_circle(session: Session) -> None:
 
 @check("MN4-ARC-02", "MN4-ARC-07", "MN4-CMD-A-04", safety=MOTION)
 def radii_must_agree(session: Session) -> None:
-    """A rounded arc is served; no radius, and an end off the circle, are refused and move
-    nothing."""
+    """A rounded arc is served, of a helix, too; no radius, and an end off the circle, are refused
+    and move nothing."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(1000, "these arcs")
-    motion.ready()
-    motion.run("A0,-500,-354,-146,-1", "MN4-ARC-02")
+    for text in ("A0,-500,-354,-146,-1", "+0,-500,-354,-146,-1,40,0"):
+        motion.ready()
+        motion.run(text, "MN4-ARC-02")
     motion.ready()
     for text, requirement in (
         ("A0,0,0,0,1", "MN4-ARC-07"), ("A0,0,10,0,-1", "MN4-ARC-07"),
         ("A-100,0,-50,0,1", "MN4-CMD-A-04"), ("A0,100,0,300,-1", "MN4-CMD-A-04"),
-        ("A-300,0,-610,0,1", "MN4-CMD-A-04"),
+        ("A-300,0,-610,0,1", "MN4-CMD-A-04"), ("+-300,0,-610,0,1,40,0", "MN4-ARC-02"),
+        ("+0,100,0,190,-1,40,1", "MN4-ARC-02"), ("+0,0,10,0,1,40,0", "MN4-ARC-07"),
     ):  # fmt: skip
         driver.draws(text, driver.errors("PARA_ERROR"), requirement)
         motion.stays(requirement)

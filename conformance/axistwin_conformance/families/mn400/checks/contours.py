@@ -22,9 +22,13 @@ EXAMPLE_LINES: Final = (
 )  # fmt: skip
 EXAMPLE_STEPS: Final = 2564  # along its longest axis
 PLANNED_S: Final = 1  # by which a board has made its plan of many segments, and moves
-# Places of two contours that wait, one behind the other.
-WAITING: Final = (("M350,-50", "M350,,60", "M280,-20"), ("M,30,60", "M220,,,-40"))
+# Margins and places of two contours that wait, one behind the other, and the profile of the bends.
+WAITING: Final = (
+    ("(", ("M350,-50", "M350,,60", "M280,-20")), ("(2000", ("M,30,60", "M220,,,-40")),
+)  # fmt: skip
+BENDS: Final = (100, 500, 2000)
 QUEUED: Final = 4  # places that are taken behind the motion that runs
+BELOW: Final = (1000, 2000, 10_000)  # start, end, acceleration: the end is below the speed
 SAME_SPEED: Final = Fraction(1, 20)  # s, by which one motion may be seen to differ from another
 
 
@@ -54,10 +58,11 @@ def the_example_takes_the_time_of_its_margin(session: Session) -> None:
         motion.follow(path, "MN4-CC-01", path, samples=10)
 
 
-@check("MN4-CC-01", "MN4-CMD-CC-02", "MN4-CMD-CC-04", "MN4-STM-06", safety=MOTION)
+@check("MN4-CC-01", "MN4-CMD-CC-02", "MN4-CMD-CC-04", "MN4-CMD-CC-08", "MN4-STM-06",
+       safety=MOTION)  # fmt: skip
 def a_contour_waits_until_it_is_closed(session: Session) -> None:
     """Nothing moves between ( and ); Q forgets segments and speed; in both coordinate modes the end
-    is that of single moves."""
+    is that of single moves.  An empty pair behind a contour moves nothing."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(600, "these contours")
     motion.ready()
@@ -73,31 +78,35 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
         contour(motion, "(", ("M100,50", "M,-30,20", "M200,,,5", "M-40,10,10,10"))
         motion.do(")", "MN4-CMD-CC-02")
         motion.follow("MN4-CC-01")
+    for text in "()":
+        motion.driver.ask(text)
+    motion.stays(("MN4-CC-01", "MN4-CMD-CC-08"))
 
 
-@check("MN4-CC-01", "MN4-CMD-M-02", "MN4-STM-01", safety=MOTION)
+@check("MN4-CC-01", "MN4-CMD-CC-01", "MN4-CC-05", "MN4-CMD-M-02", "MN4-STM-01", safety=MOTION)
 def a_contour_that_waits_begins_where_what_is_before_it_ends(session: Session) -> None:
     """In absolute mode, opened and closed while a move runs, and behind another one that waits: its
-    segments lead to their places, wherever the axes were meanwhile."""
+    segments lead to their places, wherever the axes were meanwhile, and bend by its own margin."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(400, "these contours")
     if int(motion.driver.reading("queue_depth")) < QUEUED:
         session.skip("the queue of this board is too short (MN4-AMB-52)")
-    if int(motion.driver.reading("cc_capacity")) < max(map(len, WAITING)):
+    if int(motion.driver.reading("cc_capacity")) < max(len(lines) for _, lines in WAITING):
         session.skip("the contours of this board are too short (MN4-AMB-51)")
-    motion.ready(motion.mode(is_absolute=True), speed=500)
+    motion.ready(motion.mode(is_absolute=True), speed=500, profile=BENDS)
     names = ("MN4-CC-01", "MN4-CMD-M-02", "MN4-STM-01")
     motion.do("M300,-50", names)
-    for lines in WAITING:
-        opened = motion.driver.ask("(")
+    for opening, lines in WAITING:
+        opened = motion.driver.ask(opening)
         if not opened.says(*DONE):
             motion.driver.ask("Q")
             session.skip(f"no contour is opened in motion: ( draws {opened}")
-        motion.model.accept("(", motion.span(opened))
+        motion.model.accept(opening, motion.span(opened))
         for line in (*lines, ")"):
             motion.do(line, names)
     motion.do("M200", names)
-    motion.follow(names, samples=10)
+    margins = ("MN4-CMD-CC-01", "MN4-CC-05")
+    motion.follow((*names, *margins), names, margins, samples=10)
 
 
 @check("MN4-CC-02", "MN4-CMD-CC-05", safety=MOTION)
@@ -144,8 +153,8 @@ def a_corner_is_taken_at_start_speed(session: Session) -> None:
 
 @check("MN4-CC-06", "MN4-CMD-CC-07", "MN4-CC-08", safety=MOTION)
 def every_segment_keeps_its_own_speed(session: Session) -> None:
-    """Fast, then slow, then below the start speed; the last V stays for what follows.  The fourth
-    axis bounds no speed and ends exactly."""
+    """Fast, then slow, then below the start speed; the last V stays for what follows.  Above the
+    end speed of the profile it is that one.  The fourth axis bounds no speed and ends exactly."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(1600, "these contours")
     motion.needs_speed(3000, "these contours")
@@ -158,6 +167,10 @@ def every_segment_keeps_its_own_speed(session: Session) -> None:
         motion.do(")", "MN4-CC-06")
         motion.follow("MN4-CC-06", samples=10)
         motion.run("M-800", "MN4-CMD-CC-07")
+    motion.ready(speed=3000, profile=BELOW)
+    contour(motion, "(", ("M700,30", "M700,30", "M100"), "MN4-CC-06")
+    motion.do(")", "MN4-CC-06")
+    motion.follow("MN4-CC-06", samples=8)
     motion.ready(speed=3000)
     contour(motion, "(", ("M700,0,0,300", "M700,0,0,-300", "M200,0,0,200"), "MN4-CC-08")
     motion.do(")", "MN4-CC-08")
