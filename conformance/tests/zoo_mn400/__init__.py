@@ -9,6 +9,7 @@ from zoo_mn400 import (
     boards,
     effects,
     frames,
+    full_store,
     long_paths,
     motion,
     parameters,
@@ -20,8 +21,8 @@ from zoo_mn400 import (
 )
 
 FAMILIES = (
-    frames, parameters, states, effects, side_effects, long_paths, motion, rig, stored, runs,
-    boards,
+    frames, parameters, states, effects, side_effects, long_paths, motion, rig, stored,
+    full_store, runs, boards,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(
