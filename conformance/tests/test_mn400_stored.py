@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from mn400_board import SmallBoard
 
+from axistwin.devices.mn400.store import ProgramStore
 from axistwin_conformance.base import events
 from axistwin_conformance.base.classes import SAFETY_CLASSES
 from axistwin_conformance.base.ledger import load_ledger
@@ -27,7 +28,10 @@ from axistwin_conformance.families.mn400.persistence.address_recovery import (
 from axistwin_conformance.families.mn400.persistence.programs import (
     NOT_READABLE,
     enter_program,
+    fill_store,
     listing,
+    program_entry,
+    put_program_back,
 )
 from axistwin_conformance.transport.rig import RigChoice
 from axistwin_conformance.transport.serial import SerialTransport
@@ -162,6 +166,23 @@ def test_what_a_file_has_kept_is_put_back() -> None:
     kept = FAMILY.kept(FAMILY.remember(session))
     enter_program(driver, ())
     assert FAMILY.restore(session, FAMILY.memory_of(kept)) == ()
+    assert listing(driver.client) == ("V500", "X2")
+
+
+def test_a_program_is_put_back_beside_a_full_store(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the old program counts until the new one is complete (MN4-AMB-70)."""
+    add = ProgramStore.add
+
+    def added(store: ProgramStore, part: Any, line: bytes) -> Any:
+        is_room = store.used + sum(map(len, store._entry)) + len(line) < 8000
+        return add(store, part, line) if is_room else None
+
+    monkeypatch.setattr(ProgramStore, "add", added)
+    driver = BoardDriver(session_on())
+    enter_program(driver, ())
+    with program_entry(driver):
+        assert not fill_store(driver).is_over
+    assert put_program_back(driver, ("V500", "X2"))
     assert listing(driver.client) == ("V500", "X2")
 
 

@@ -10,6 +10,7 @@ from zoo_mn400 import (
     contexts,
     effects,
     frames,
+    full_store,
     long_paths,
     motion,
     parameters,
@@ -22,7 +23,7 @@ from zoo_mn400 import (
 
 FAMILIES = (
     frames, parameters, states, effects, side_effects, long_paths, motion, contexts, rig,
-    stored, runs, boards,
+    stored, full_store, runs, boards,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(

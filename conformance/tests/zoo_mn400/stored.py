@@ -155,19 +155,6 @@ def a_line_with_a_wrong_sum_is_stored(patch: MonkeyPatch) -> None:
     around(patch, Mn400Board, "_serve", act)
 
 
-@board_mutant("MN4-NVM-09", "MN4-NVM-02")
-def what_does_not_fit_pushes_the_first_line_out(patch: MonkeyPatch) -> None:
-    """MEMORY_FULL is sent, and the first line is gone."""
-
-    def act(go: Any_, store: ProgramStore, part: Any, line: bytes) -> Any:
-        found = go()
-        if found is None and len(store._entry) > 5:
-            del store._entry[0]
-        return found
-
-    around(patch, ProgramStore, "add", act)
-
-
 @board_mutant("MN4-NVM-08")
 def each_program_has_a_memory_of_its_own(patch: MonkeyPatch) -> None:
     """What the configuration takes is not missing to the program."""

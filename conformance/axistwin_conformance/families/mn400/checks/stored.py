@@ -147,21 +147,27 @@ def a_repeat_in_an_entry_is_served_or_stored(session: Session) -> None:
     judge_listing(driver, ("V500", "&") if is_stored else ("V500",), ("MN4-STM-04",))
 
 
-@check("MN4-NVM-09", "MN4-NVM-08", "MN4-NVM-02", safety=STORED, level="full")
+@check("MN4-NVM-09", "MN4-NVM-08", "MN4-NVM-02", "MN4-NVM-01", "MN4-STM-04",
+       safety=STORED, level="full")  # fmt: skip
 def what_does_not_fit_is_refused(session: Session) -> None:
-    """Lines are taken until MEMORY_FULL; all that were taken are listed, and no more than the
-    memory holds."""
+    """Lines are taken until MEMORY_FULL, which ends no entry; all that were answered with DONE are
+    listed, and no more than the memory holds."""
     driver = BoardDriver(session)
+    size = int(driver.reading("nvm_size"))
     enter_program(driver, ())
     with program_entry(driver):
-        filled = fill_store(driver)
+        filled = fill_store(driver, most_bytes=size)
         exchange = filled.refusal
-        driver.tells(
-            exchange.says(*driver.errors("MEMORY_FULL")), "MN4-NVM-09", "MEMORY_FULL", exchange
-        )
-        session.step(end_program(driver).says(*DONE), "START and DONE to Ctrl-D", "none")
+        is_told = exchange is not None and exchange.says(*driver.errors("MEMORY_FULL"))
+        came = exchange or f"DONE to {len(filled.lines)} lines"
+        driver.tells(is_told, "MN4-NVM-09", "MEMORY_FULL", came)
+        if filled.poll is not None:
+            told = "no answer to a poll before Ctrl-D"
+            names = ("MN4-NVM-01", "MN4-STM-04")
+            session.expect(not filled.is_over, names, told, filled.poll, "behind a refused line")
+        is_ended = filled.is_over or end_program(driver).says(*DONE)
+        session.step(is_ended, "START and DONE to Ctrl-D", "none")
     judge_listing(driver, filled.lines, ("MN4-NVM-09", "MN4-NVM-02"))
-    size = int(driver.reading("nvm_size"))
     told = f"at most {size} bytes"
     session.expect(filled.text_bytes <= size, "MN4-NVM-08", told, filled.text_bytes)
 

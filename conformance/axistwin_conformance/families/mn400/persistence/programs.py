@@ -16,7 +16,7 @@ from weakref import WeakSet
 
 from axistwin_conformance.base import events
 from axistwin_conformance.families.mn400.client import BoardClient, BoardExchange
-from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import DONE, PRESENT, BoardDriver
 from axistwin_conformance.transport.transport import Transport
 
 PROFILE: Final = "F1000,5000,10000"  # as at power-on: above it no speed of these checks ramps
@@ -96,16 +96,21 @@ def enter_program(driver: BoardDriver, lines: Iterable[str]) -> None:
 
 
 def put_program_back(driver: BoardDriver, lines: Sequence[str]) -> bool:
-    """Store a program unless it is what the board lists; False if it does not list it then."""
+    """Store a program unless it is what the board lists; False if it does not list it then.
+
+    Beside a full store it may not fit before that is emptied (MN4-AMB-70).
+    """
     client = driver.client
-    if listing(client) == tuple(lines):
-        return True
-    client.ask("Z")
-    for line in lines:
-        client.ask(line)
-    if not end_program(driver).says(*DONE):
-        leave_entry(client)
-    return listing(client) == tuple(lines)
+    for entries in ((), (lines,), ((), lines)):
+        for entered in entries:
+            client.ask("Z")
+            for line in entered:
+                client.ask(line)
+            if not end_program(driver).says(*DONE):
+                leave_entry(client)
+        if listing(client) == tuple(lines):
+            return True
+    return False
 
 
 # --- how much fits --------------------------------------------------------------------------------
@@ -113,10 +118,17 @@ def put_program_back(driver: BoardDriver, lines: Sequence[str]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class FillResult:
-    """The lines that a store has taken, and what it has answered to the first one it did not."""
+    """The lines that a store has taken, what it has answered to the first one it did not (None: it
+    has taken all), and the answer to the poll behind that one, which is a line too."""
 
     lines: tuple[str, ...]
-    refusal: BoardExchange
+    refusal: BoardExchange | None
+    poll: BoardExchange | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the refusal has ended the entry: a poll is served behind it."""
+        return self.poll is not None and self.poll.says(*PRESENT)
 
     @property
     def text_bytes(self) -> int:
@@ -124,24 +136,32 @@ class FillResult:
         return sum(map(len, self.lines))
 
 
-def fill_store(driver: BoardDriver, longest: int = LONGEST_LINE) -> FillResult:
+def fill_store(
+    driver: BoardDriver, longest: int = LONGEST_LINE, most_bytes: int | None = None
+) -> FillResult:
     """In an entry: store lines so long (characters) until one is refused, then shorter ones, so
-    that not even the shortest fits any more."""
+    that not even the shortest fits any more.  Once their text is longer than `most_bytes`, or the
+    entry is over, no line follows."""
     lines: list[str] = []
     refusal: BoardExchange | None = None
+    poll: BoardExchange | None = None
     length = longest
     while length > 0:
         line = "L" + str(len(lines)).rjust(length, "0")[1 - length :] * (length > 1)
         exchange = driver.ask(line)
         if exchange.says(*DONE):
             lines.append(line)
+        elif refusal is None:
+            refusal, poll = exchange, driver.ask("*")
+            lines += ["*"] * poll.says(*DONE)
         else:
-            refusal = refusal or exchange
             length -= 1
+        result = FillResult(tuple(lines), refusal, poll)
+        if result.is_over or (most_bytes is not None and result.text_bytes > most_bytes):
+            return result
         if len(lines) > MOST_LINES:
             driver.session.skip(f"{len(lines)} lines are stored, and no end of it")
-    assert refusal is not None, "the loop ends with a line that was refused"
-    return FillResult(tuple(lines), refusal)
+    return result
 
 
 # --- the configuration ----------------------------------------------------------------------------
