@@ -458,7 +458,7 @@ def test_a_run_within_an_envelope_conforms_and_leaves_the_axes_where_they_were()
     """With what asks for readings, what moves and what works the rig, by the engine."""
     port = ShaftWatch()
     options = make_options(
-        model="mn400", port=URL, allow="motion,rig", max_travel=3000, seed=7,
+        model="mn400", port=URL, allow="motion,rig", max_travel=3400, seed=7,
         ids=("MN4-MOT", "MN4-ARC", "MN4-HEL", "MN4-CC", "MN4-BKL", "MN4-MEA", "MN4-PAU", "MN4-QUIT",
              "MN4-LIM", "MN4-SHD", "MN4-JOG", "MN4-THR", "MN4-SYN"),
     )  # fmt: skip
@@ -467,8 +467,8 @@ def test_a_run_within_an_envelope_conforms_and_leaves_the_axes_where_they_were()
     assert not [one.requirement.id for one in result.requirements if one.verdict is Verdict.FAIL]
     judged = {one.requirement.id for one in result.requirements if one.verdict is Verdict.PASS}
     assert len(judged) > 70
-    assert min(port.lowest) >= -3000
-    assert max(port.highest) <= 3000
+    assert min(port.lowest) >= -3400
+    assert max(port.highest) <= 3400
     assert port.place == [0, 0, 0, 0]
 
 
