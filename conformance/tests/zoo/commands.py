@@ -148,14 +148,14 @@ def frames_sent_while_it_starts_are_executed_later(patch: MonkeyPatch) -> None:
 
 @mutant("MACS-CMD-00-02", traps=(33,))
 def a_frame_may_begin_while_it_starts(patch: MonkeyPatch) -> None:
-    """What comes while the module is deaf is kept, and may be the beginning of a frame."""
+    """What comes last while the module is deaf may be the beginning of a frame."""
 
     def make(first_heard: Any_) -> Any_:
         def hearing(module: MacSerial, chunk: Any, first: int) -> int:
             heard = int(first_heard(module, chunk, first))
-            missed = bytes(chunk.data[first:heard])
-            if module._boot_end < 1 << 61 and b"\x02" in missed:
-                module.reception.partial = missed[missed.rfind(b"\x02") :]
+            _, stx, begun = bytes(chunk.data[first:heard]).rpartition(b"\x02")
+            if module._boot_end < 1 << 61 and stx and len(begun) < 20:  # not all of it
+                module.reception.partial = stx + begun
             return heard
 
         return hearing

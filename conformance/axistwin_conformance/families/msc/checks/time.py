@@ -281,12 +281,11 @@ def the_longest_packet_has_time_enough(session: Session) -> None:
     raw = driver.client.request(RQSTAT)
     margin_s = (MARGIN_BYTES * driver.link.byte_ns + 2 * driver.link.spare_ns) / 1e9
     spans = {
-        "MSC-LNK-17": LONGEST_PACKET_NS / 1e9,
         "MSC-LNK-03": driver.client.packet_timeout_s - margin_s,
+        "MSC-LNK-17": LONGEST_PACKET_NS / 1e9,
     }
     for name, span_s in spans.items():
-        is_near = spans["MSC-LNK-03"] < span_s <= driver.client.packet_timeout_s
-        if span_s <= 0 or is_near:
+        if span_s <= 0:
             slowest = f"an exchange takes up to {driver.link.spare_ns / MS:.0f} ms here"
             session.not_run(name, f"{slowest}: too long to come just before a time-out is over")
             continue
@@ -298,6 +297,8 @@ def the_longest_packet_has_time_enough(session: Session) -> None:
         received, took_ns = send_in_parts(driver, each)
         text = f"ACK to RQSTAT within {span_s * 1000:.1f} ms"
         got = f"{codec.explain(received) or 'nothing'} after {took_ns / MS:.1f} ms"
+        if received != ACK and spans["MSC-LNK-03"] < span_s <= driver.client.packet_timeout_s:
+            session.inconclusive(name, f"{got}, but the way may have delayed the end of it")
         session.expect(received == ACK, name, text, got)
         strays = finish(driver, received)
         session.expect(
