@@ -324,8 +324,10 @@ class DeviceGuard:
     def _put_back(self, run: Run, session: Session, *, is_leaving: bool) -> None:
         family = self.options.family
         try:
+            if is_leaving and run.target.is_virtual:  # the rest of a reply is none to the stop
+                run.target.wait_until_quiet(QUIET_WAIT_S)
             family.stop(session)
-            if is_leaving and not run.target.is_virtual:
+            if is_leaving and not run.target.is_virtual:  # there the stop comes first
                 run.target.wait_until_quiet(QUIET_WAIT_S)
         finally:
             if not run.target.crash:
