@@ -15,6 +15,7 @@ from axistwin_conformance.core.settings import Envelope
 from axistwin_conformance.engine.eta import HELD_UP, HELD_UP_BY_NOISE, most_s
 from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.transport.serial import SerialTransport, open_target
 
 SECOND = 1_000_000_000
 WEIGHT_S = 0.8
@@ -66,6 +67,51 @@ def msc_options() -> Options:
         model="msc-250", port=PLAIN.url, ids=("MSC-DREAD", "MSC-BREAD", "MSC-DWRITE"),
         level="quick", allow="stored", variables=range(1000, 2000), flags=range(200, 210),
     )  # fmt: skip
+
+
+class CutShort(PortInFront):
+    """Ctrl-C at the read of that number; from then on the first byte of each reply is missing."""
+
+    def __init__(self, port: Any, read: int) -> None:
+        super().__init__(port)
+        self._left, self._is_begun = read, False
+
+    def write(self, data: bytes) -> int:
+        """What is asked reaches the device."""
+        self._is_begun = False
+        return int(self.port.write(data))
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+        return int(self.port.in_waiting)
+
+    def read(self, size: int = 1) -> bytes:
+        """What comes first."""
+        self._left -= 1
+        if not self._left:
+            raise KeyboardInterrupt
+        self.port.timeout = self.timeout
+        if self._left < 0 and not self._is_begun:
+            self._is_begun = bool(self.port.read(1))
+        return bytes(self.port.read(size))
+
+    def close(self) -> None:
+        """Give it back."""
+        self.port.close()
+
+
+@pytest.mark.parametrize("read", range(30, 33))
+def test_a_twin_that_was_interrupted_amid_a_reply_has_not_failed(read: int) -> None:
+    """Whatever it says from then on."""
+    options = make_options(model="mac23", level="quick")
+    url = options.family.twin_url(options.model, options.address, options.neighbours)
+
+    def opener(neighbours: tuple[int, ...]) -> SerialTransport:
+        return SerialTransport(CutShort(open_target(url, 38400)._port, read), url)
+
+    result = Engine(options, opener).run(lambda event: None)
+    assert result.exit_status == 130, result.sentence
 
 
 @pytest.mark.strength(seconds=40)

@@ -97,6 +97,7 @@ class DeviceGuard:
     kept: str = ""  # the file that says what the device held
     problems: list[str] = field(default_factory=list)
     has_failed: bool = False  # in a check, or beside them
+    is_interrupted: bool = False  # from then on a twin in this process may be anyhow
     violations: list[CheckResult] = field(default_factory=list)
     ladder: Ladder = field(init=False)
     caused: set[str] = field(default_factory=set)  # reasons of which a violation is the cause
@@ -115,6 +116,9 @@ class DeviceGuard:
         run = self._start(neighbours)
         try:
             yield run
+        except KeyboardInterrupt:
+            self.is_interrupted = True
+            raise
         finally:
             with interrupts.held_back():
                 self._make_safe(run)
@@ -324,10 +328,8 @@ class DeviceGuard:
     def _put_back(self, run: Run, session: Session, *, is_leaving: bool) -> None:
         family = self.options.family
         try:
-            if is_leaving and run.target.is_virtual:  # the rest of a reply is none to the stop
-                run.target.wait_until_quiet(QUIET_WAIT_S)
             family.stop(session)
-            if is_leaving and not run.target.is_virtual:  # there the stop comes first
+            if is_leaving and not run.target.is_virtual:
                 run.target.wait_until_quiet(QUIET_WAIT_S)
         finally:
             if not run.target.crash:
@@ -531,7 +533,10 @@ class DeviceGuard:
         violation: Violation,
         text: str = "beside the checks",
     ) -> None:
-        """Tell it as what a check numbered 0 has found: before, between or after the others."""
+        """Tell it as what a check numbered 0 has found: before, between or after the others.  What
+        a twin in this process does that was interrupted amid its work is nobody's failure."""
+        if self.is_interrupted and session.run.target.is_lossless:
+            return
         check = Check.named(act, behaviour, __name__, requirements=(violation.requirement,))
         finding = replace(
             failure(session, violation.requirement, (violation.expected,), violation.actual),
