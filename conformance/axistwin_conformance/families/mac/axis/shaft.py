@@ -193,7 +193,7 @@ class Shown:
             self.due_ns = now_ns + steps * RAMP_LEVELS * period * TICK_NS
 
     def seen(self, counter: int, sent_ns: int) -> str:
-        """The counter was asked for then; why the axis must be moved no more, empty: it may."""
+        """The counter was read then or later; why the axis must be moved no more, empty: it may."""
         if counter != self.counter:
             self.counter, self.due_ns, self.unshown = counter, None, 0
         elif self.due_ns is not None and sent_ns > self.due_ns:
