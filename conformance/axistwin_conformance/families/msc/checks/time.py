@@ -284,7 +284,7 @@ def the_longest_packet_has_time_enough(session: Session) -> None:
         "MSC-LNK-03": driver.client.packet_timeout_s - margin_s,
         "MSC-LNK-17": LONGEST_PACKET_NS / 1e9,
     }
-    for name, span_s in spans.items():
+    for name, span_s in sorted(spans.items(), key=lambda each: each[1]):
         if span_s <= 0:
             slowest = f"an exchange takes up to {driver.link.spare_ns / MS:.0f} ms here"
             session.not_run(name, f"{slowest}: too long to come just before a time-out is over")
