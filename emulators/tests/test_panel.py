@@ -483,6 +483,8 @@ def test_a_worker_that_is_killed_and_begun_again_is_seen(rack_page: Page, rack: 
     show_traffic(pages[2], "press")
     workers_of(rack.process)[0].kill()
     assert next_event(rack.process, "line_failed")["line"] == "press"
+    pages.append(rack_page.context.new_page())
+    pages[3].goto(f"{rack.url}/#/line/press")  # of one that has failed before
     told = "Not served any more: worker 0 has ended (SIGKILL); SIGHUP begins it again"
     for page in pages:
         expect(page.get_by_role("alert").filter(has_text=told)).to_have_count(1)
@@ -492,5 +494,5 @@ def test_a_worker_that_is_killed_and_begun_again_is_seen(rack_page: Page, rack: 
     switch(pages[1], "power")
     expect(rack_page.get_by_role("link", name="mac23:0@press")).to_contain_text("power off")
     assert rack.send("press", "mac34-1", "position? -> module 5")
-    rows = pages[2].locator(".traffic .message")
-    expect(rows).not_to_have_count(0)
+    for page in pages[2:]:
+        expect(page.locator(".traffic .message")).not_to_have_count(0)

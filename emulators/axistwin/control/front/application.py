@@ -188,8 +188,10 @@ class FrontApi:
         named: dict[Worker, list[tuple[str, str]]] = {}
         for key, find in (("device", self._find), ("traffic", self._find_line)):
             for name in client.query_params.getlist(key):
-                if name:
-                    named.setdefault((await find(name)).reach(), []).append((key, name))
+                line = await find(name) if name else None
+                if line is None or (key == "traffic" and line.worker is None):
+                    continue  # nothing goes over it until it comes again
+                named.setdefault(line.reach(), []).append((key, name))
         is_of_all = not {"device", "traffic"} & set(client.query_params)
         rest: Query = [] if is_of_all else [("device", "")]
         queries: dict[Worker, Query] = dict.fromkeys(self._workforce.workers, rest)
@@ -197,6 +199,8 @@ class FrontApi:
         async def run() -> None:
             relay = Relay(client, queries | named, self._counts)
             self._relays[relay] = is_of_all
+            if not set(self._workforce.workers) <= set(queries):
+                relay.tell(None)  # one has come meanwhile
             try:
                 await relay.run()
             finally:
