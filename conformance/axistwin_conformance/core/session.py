@@ -298,11 +298,8 @@ class Session:
         the session is: nothing is judged by it."""
 
         def patiently() -> bool:
-            was_strict, self.is_strict = self.is_strict, self.run.target.is_lossless
-            try:
+            with strictly(self, is_strict=self.run.target.is_lossless):
                 return restore()
-            finally:
-                self.is_strict = was_strict
 
         cleanup = Cleanup(what, patiently)
         self.run.cleanups.append(cleanup)
@@ -553,6 +550,16 @@ class Session:
         wanted = verdict in (Verdict.INCONCLUSIVE, Verdict.QUIRK)
         excerpt = self.records(EXCERPT_RECORDS) if wanted else ()
         self.findings.append(Finding(requirement, verdict, text, transcript=excerpt))
+
+
+@contextmanager
+def strictly(session: Session, *, is_strict: bool = True) -> Iterator[None]:
+    """Have `session` hand on each reply as it comes in this block, or not; then as before."""
+    before, session.is_strict = session.is_strict, is_strict
+    try:
+        yield
+    finally:
+        session.is_strict = before
 
 
 def failure(

@@ -23,7 +23,7 @@ from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.transcript import last_exchange
 from axistwin_conformance.core.contact import learn_delay
 from axistwin_conformance.core.identity import Identity
-from axistwin_conformance.core.session import REPLY_TIMEOUT_S, Run, Session
+from axistwin_conformance.core.session import REPLY_TIMEOUT_S, Run, Session, strictly
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import QUIET_S, MscExchange
 from axistwin_conformance.families.msc.codec import ACK, NAK, Packet
@@ -75,32 +75,31 @@ def identify(session: Session) -> Identity:
     """Ask for the status, and for all flags where the model has them: nothing else on the wire
     tells one model from another."""
     driver = MscDriver(session)
-    session.is_strict = True  # the attempts are counted here
-    since_ns = session.target.now_ns
-    exchange = driver.ask(codec.RQSTAT)
-    late = driver.client.listen(FIRST_LOOK_S) if exchange.is_silence else b""
-    # Then it has heard a whole packet, and waits for the rest of none.
-    is_taken = ACK in (exchange.raw, late[:1])
-    if exchange.is_silence and not late:
-        late = _late(driver)
-    is_silent = exchange.is_silence and not late
-    if not is_silent and not _is_answered(exchange, codec.RQSTAT):
-        if late.strip(NAK) or exchange.raw == ACK:  # NAK: it had heard of somebody's packet
-            _learn_delay(driver, since_ns, exchange, is_taken=is_taken)
-        driver.client.wait_until_quiet(after=exchange)
-        if not is_taken:
-            _end_packet(driver)
-        exchange = _insisted(driver, codec.RQSTAT)
-    if is_silent or (exchange.reply is None and not sanity(session)):
-        rates = session.run.family.rates
-        rate = "" if session.target.baud in rates else f"--baud {rates[0]}, and "
-        raise TargetError(
-            f"no controller answers as unit {driver.unit} at {session.target.baud} baud:"
-            f" {_describe_received(driver, exchange, late)}; try {rate}another --address"
-            " (1 on RS-232, the switch on RS-485)"
-        )
-    _refuse_another_model(driver)
-    session.is_strict = session.target.is_lossless
+    with strictly(session):  # the attempts are counted here
+        since_ns = session.target.now_ns
+        exchange = driver.ask(codec.RQSTAT)
+        late = driver.client.listen(FIRST_LOOK_S) if exchange.is_silence else b""
+        # Then it has heard a whole packet, and waits for the rest of none.
+        is_taken = ACK in (exchange.raw, late[:1])
+        if exchange.is_silence and not late:
+            late = _late(driver)
+        is_silent = exchange.is_silence and not late
+        if not is_silent and not _is_answered(exchange, codec.RQSTAT):
+            if late.strip(NAK) or exchange.raw == ACK:  # NAK: it had heard of somebody's packet
+                _learn_delay(driver, since_ns, exchange, is_taken=is_taken)
+            driver.client.wait_until_quiet(after=exchange)
+            if not is_taken:
+                _end_packet(driver)
+            exchange = _insisted(driver, codec.RQSTAT)
+        if is_silent or (exchange.reply is None and not sanity(session)):
+            rates = session.run.family.rates
+            rate = "" if session.target.baud in rates else f"--baud {rates[0]}, and "
+            raise TargetError(
+                f"no controller answers as unit {driver.unit} at {session.target.baud} baud:"
+                f" {_describe_received(driver, exchange, late)}; try {rate}another --address"
+                " (1 on RS-232, the switch on RS-485)"
+            )
+        _refuse_another_model(driver)
     words = exchange.reply.numbers if exchange.reply is not None else ()
     text = _status_in_words(words[0]) if words else "status unknown"
     values = {"status": f"{words[0]}" if words else "unknown"}
@@ -226,10 +225,10 @@ def _describe_received(driver: MscDriver, exchange: MscExchange, late: bytes) ->
 def sanity(session: Session) -> bool:
     """One good answer; to another question if the unit answers the first one wrongly.  What it has
     answered wrongly before, it is asked last."""
-    driver, was_strict = MscDriver(session), session.is_strict
+    driver = MscDriver(session)
     questions, wrong = (codec.RQSTAT, codec.rflag(0), codec.dread(0)), session.run.answered_wrongly
     stop(session)
-    try:
+    with strictly(session, is_strict=session.is_strict):
         for body in sorted(questions, key=wrong.__contains__):
             exchange = driver.ask(body)
             if driver.client.is_right(exchange, codec.name_of(body)):
@@ -238,9 +237,7 @@ def sanity(session: Session) -> bool:
             wrong.add(body)
             driver.client.wait_until_quiet(after=exchange)
             session.is_strict = True  # the first one was asked often enough for noise
-        return False
-    finally:
-        session.is_strict = was_strict
+    return False
 
 
 def stop(session: Session) -> None:

@@ -12,7 +12,7 @@ from axistwin_conformance.core.contact import learn_delay
 from axistwin_conformance.core.family import Family
 from axistwin_conformance.core.identity import Identity
 from axistwin_conformance.core.lenient import Lenient
-from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.session import Session, strictly
 from axistwin_conformance.families.mac.axis import snapshot
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.motion import PLAIN
@@ -50,12 +50,11 @@ class AxisFamily(Family):
         """
         driver = driver_of(session)
         self._listen_first(session)
-        session.is_strict = True  # the attempts are counted here
-        last = _insisted(driver, 0x24)
-        release = last.data if last.kind is ReplyKind.ANSWER else None
-        if release is None and not snapshot.sanity(session):
-            raise TargetError(self._nobody_there(driver, last))
-        session.is_strict = session.transport.is_lossless
+        with strictly(session):  # the attempts are counted here
+            last = _insisted(driver, 0x24)
+            release = last.data if last.kind is ReplyKind.ANSWER else None
+            if release is None and not snapshot.sanity(session):
+                raise TargetError(self._nobody_there(driver, last))
         values = {"release": "unknown" if release is None else f"{release:08X}"}
         measures, own_values = driver.client.ask(0x27).reply, self._own_values(driver)
         if measures.data is not None:

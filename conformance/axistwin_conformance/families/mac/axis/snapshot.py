@@ -12,7 +12,7 @@ from axistwin_conformance.base import interrupts
 from axistwin_conformance.base.errors import OutsideEnvelope, TargetError, WrongDevice, time_left
 from axistwin_conformance.base.events import Note
 from axistwin_conformance.base.retry import RETRY
-from axistwin_conformance.core.session import Session
+from axistwin_conformance.core.session import Session, strictly
 from axistwin_conformance.families.mac.axis.driver.client import hold
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.facts import (
@@ -67,8 +67,8 @@ def climate(session: Session, measures: AxisReply) -> dict[str, str]:
 
 def sanity(session: Session) -> bool:
     """One good answer; to another query if the module answers the first one wrongly."""
-    driver, was_strict = driver_of(session), session.is_strict
-    try:
+    driver = driver_of(session)
+    with strictly(session, is_strict=session.is_strict):
         for index in KNOWN_GOOD:
             reply = driver.client.ask(index).reply
             if driver.client.is_answer(index, reply):
@@ -76,9 +76,7 @@ def sanity(session: Session) -> bool:
             if reply.kind is ReplyKind.SILENCE and not session.transport.is_lossless:
                 return False  # waited for long enough
             session.is_strict = True  # the first one was asked often enough for noise
-        return False
-    finally:
-        session.is_strict = was_strict
+    return False
 
 
 def stop(session: Session) -> None:
@@ -93,11 +91,10 @@ def _stop(driver: AxisDriver) -> None:
     if session.run.runaway:
         hold(driver.client)
         return
-    was_strict, session.is_strict = session.is_strict, True  # the attempts are counted here
-    for _ in range(_attempts(session)):
-        if driver.client.command(0x18).kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED):
-            break
-    session.is_strict = was_strict
+    with strictly(session):  # the attempts are counted here
+        for _ in range(_attempts(session)):
+            if driver.client.command(0x18).kind in (ReplyKind.ACCEPTED, ReplyKind.REFUSED):
+                break
     if driver.readings.known(
         "abort_flush"
     ):  # what waits in its FIFO must not run with the next segment
