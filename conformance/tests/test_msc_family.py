@@ -256,6 +256,36 @@ def test_what_a_program_uses_is_not_the_suites_to_write(ground: ScratchArea, tol
         FAMILY.remember(session_of(port, settings=ground))
 
 
+def _last_of_the_block_before(last: bytes, before: bytes) -> tuple[bytes, bytes]:
+    return before, last
+
+
+def _turned_by_each_read(last: bytes, before: bytes) -> tuple[bytes, bytes]:
+    return (last[::-1] if before else last), b"" if before else last
+
+
+@pytest.mark.parametrize("tell", [_last_of_the_block_before, _turned_by_each_read])
+def test_a_block_that_depends_on_what_was_read_before_is_the_units_failure(tell: Any) -> None:
+    """The operator is not told that something uses it; nothing is written all the same."""
+    port = TwinPort()
+    port.data = {1024 + 4 * number: number + 1 for number in range(64)}
+    served, before = port.served, bytes(4)
+
+    def telling(one: codec.Packet) -> bytes | None:
+        nonlocal before
+        told = served(one)
+        if one.name != "BREAD" or not told:
+            return told
+        last, before = tell(told[-4:], before)
+        return told[:-4] + last
+
+    port.served = telling
+    session = session_of(port)
+    with pytest.raises(TargetError, match="depends on what is read"):
+        FAMILY.remember(session)
+    assert [broken for broken, _, _ in session.run.violations] == ["MSC-BREAD-03"]
+
+
 def test_the_programs_flags_are_put_back_to_off_only() -> None:
     """Turned on, they are orders to it."""
     port = TwinPort()

@@ -46,6 +46,8 @@ MOST_TOLD: Final = 20  # of what a unit held, in a line
 FIRST_LOOK_S: Final = 2.0
 FACE_BYTES: Final = 16
 UNBROKEN: Final = "ACK and a packet without gaps between its bytes"
+MOST_OTHERS: Final = 8  # blocks that are read before one, to see whether it depends on that
+UNEVEN_S: Final = 0.13
 VALUE_ADDRESSES: Final = 4  # what one value takes up in the widest reading
 WITH_RFLAGS: Final = "msc-250 or msc-850-32"
 STATUS_WORDS: Final = (
@@ -403,7 +405,12 @@ def _refuse_what_moves(driver: MscDriver, held: UnitContents, flags: range) -> N
     said = "; name only what no program uses"
     first = min(held.blocks, default=0)
     for at in (address for address in held.blocks if (address - first) % SAFE_BLOCK == 0):
-        if driver.read_block(at) != held.blocks[at]:
+        pairs = zip(held.blocks[at], driver.read_block(at), strict=True)
+        changed = [number for number, (before, now) in enumerate(pairs) if before != now]
+        if changed and (broken := _broken_by_blocks(driver, held, at, changed[0])):
+            driver.session.run.violations.append(broken)
+            raise TargetError(f"which values are behind address {at} depends on what is read")
+        if changed:
             raise TargetError(f"a value behind address {at} changes by itself (--variables){said}")
     for at, value in held.values.items():
         if driver.read(at) != value:
@@ -412,6 +419,26 @@ def _refuse_what_moves(driver: MscDriver, held: UnitContents, flags: range) -> N
     for number, is_on in _flags(driver, told).items():
         if is_on != held.flags[number]:
             raise TargetError(f"flag {number} changes by itself (--flags){said}")
+
+
+def _broken_by_blocks(
+    driver: MscDriver, held: UnitContents, at: int, number: int
+) -> tuple[str, str, str] | None:
+    """What the unit fails by a value of a block, counted from 0, that depends on which block was
+    read before, time after time; None if it changes by itself."""
+    for other in [*held.blocks][:MOST_OTHERS]:
+        seen: set[tuple[int, int]] = set()
+        for turn in range(driver.session.run.quality.alike_needed):
+            driver.target.wait(turn * UNEVEN_S)  # what changes by itself keeps no step with this
+            told = [driver.read_block(place)[number] for place in (other, other, at, at)]
+            first, second = told[2:]
+            seen.add((first, second))
+            if len(seen) > 1 or first == second:
+                break
+        else:
+            wanted = f"V{number + 1} = {second} of BREAD {at}, as when it is read once more"
+            return "MSC-BREAD-03", wanted, f"{first} right behind BREAD {other}"
+    return None
 
 
 def layout(span: range, stride: int) -> tuple[range, range]:
