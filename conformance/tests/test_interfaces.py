@@ -45,6 +45,7 @@ from axistwin_conformance.base.events import Note
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.run import Engine
+from axistwin_conformance.families.catalog import find_family
 
 pytestmark = pytest.mark.strength
 
@@ -121,6 +122,15 @@ def test_a_line_too_slow_to_tell_holds_nothing_against_a_device() -> None:
     assert not one.trouble or "an exchange takes up to" in one.trouble
     open_or_passed = (Verdict.PASS, Verdict.INCONCLUSIVE)
     assert run.verdicts["MACS-CMD-13-02"] in open_or_passed
+
+
+def test_the_silence_of_addresses_left_is_no_noise() -> None:
+    """Or what may change address, rate and memory is not run after the first check of them."""
+    names = [one.name for one in find_family("mac23").checks() if "destructive" in one.safety]
+    run = judged_behind(PLAIN, *names, model="mac23", level="full")
+    assert run.result.exit_status == 0, run.result.sentence
+    judged = {one.requirement.id for one in run.result.requirements if one.verdict is Verdict.PASS}
+    assert {"MACS-CMD-01-01", "MACS-CMD-08-01", "MACS-CMD-1B-01", "MACS-FRAME-13"} <= judged
 
 
 def test_nacks_of_two_modules_that_collide_are_held_against_neither() -> None:

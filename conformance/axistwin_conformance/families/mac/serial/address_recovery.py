@@ -26,9 +26,15 @@ LEADING_AWAY: Final = (0x01, 0x08, 0x1B)  # to another address or rate
 
 
 def answers(driver: SerialDriver, address: int) -> bool:
-    """True if somebody answers at that address."""
-    exchange = driver.client.send(driver.client.request(0x20, address=address), QUIET_S * 2)
-    return exchange.kind is ReplyKind.ANSWER and exchange.reply.address == address
+    """True if somebody answers at that address, asked as often as noise needs; silence there says
+    nothing of the line."""
+    query = driver.client.request(0x20, address=address).encode()
+    target = driver.session.target
+    for _ in range(1 if target.is_lossless else driver.session.run.quality.alike_needed):
+        exchange = driver.client.send(query, QUIET_S * 2)
+        if exchange.kind is ReplyKind.ANSWER and exchange.reply.address == address:
+            return True
+    return False
 
 
 def other_address(driver: SerialDriver) -> int:
