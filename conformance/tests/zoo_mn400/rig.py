@@ -60,6 +60,16 @@ def a_single_step_is_made_towards_a_limit(patch: MonkeyPatch) -> None:
     around(patch, Mover, "_blocked", act)
 
 
+@board_mutant("MN4-LIM-06")
+def pulses_drive_an_axis_past_its_limit(patch: MonkeyPatch) -> None:
+    """A limit stops no motion at a negative speed."""
+
+    def act(go: Any_, mover: Mover) -> Any:
+        return [] if mover.is_waiting_for_pulses else go()
+
+    around(patch, Mover, "_blocked", act)
+
+
 @board_mutant("MN4-CMD-S-01")
 def the_shield_has_a_value_in_s(patch: MonkeyPatch) -> None:
     """That of aux input 1."""

@@ -14,6 +14,8 @@ from axistwin_conformance.families.mn400.planner.circle import STRAY
 ORDER = 300
 
 LIMITS: Final = ("rig:limit_plus", "rig:limit_minus")
+PULSES: Final = "pulses"
+FED: Final = 20  # pulses, and steps that they would make
 SLOW: Final = 500
 FAR: Final = 900
 RADIUS: Final = 200  # of an arc whose half takes about a second
@@ -98,7 +100,8 @@ def _judge_all_halted(motion: BoardMotion, here: tuple[int, ...], by: list[int])
        needs=LIMITS)  # fmt: skip
 def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
     """That of an axis that stands stops nothing, nor does one behind an axis that takes up its
-    backlash; a move towards it makes no step and sets /, towards two of them the sum."""
+    backlash; a move towards it makes no step and sets /, towards two of them the sum; so does one
+    that pulses pace."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(300, "these moves")
@@ -122,6 +125,8 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
             session.expect(after == before, "MN4-LIM-06", before, after)
             code = driver.exit_code()
             session.expect(code == value, "MN4-LIM-06", value, code, "exit code")
+        if PULSES in session.rig.capabilities:
+            _judge_paced(motion, alone(axis, direction * FED), value)
         session.rig.work("limit_plus", True, number=other + 1)
         by = [0] * AXES
         by[axis], by[other] = direction * 50, 50
@@ -135,6 +140,20 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
             session.expect(code in parts, "MN4-LIM-05", parts, code, "exit code of two limits")
         session.rig.work("limit_plus", False, number=other + 1)
         session.rig.work(limit_name(direction), False, number=axis + 1)
+
+
+def _judge_paced(motion: BoardMotion, text: str, value: int) -> None:
+    """Judge a move towards a limit that is on, once all pulses that it would take have come."""
+    session, driver = motion.session, motion.driver
+    before, _ = motion.read()
+    for setting in ("|", "V-1", text):
+        driver.command(setting)
+    session.rig.work(PULSES, FED)
+    after, told = motion.stays("MN4-LIM-06"), f"behind {FED} pulses"
+    session.expect(after == before, "MN4-LIM-06", before, after, told)
+    code = driver.exit_code()
+    session.expect(code == value, "MN4-LIM-06", value, code, f"exit code {told}")
+    driver.command(f"V{motion.model.settings.speed}")
 
 
 @check("MN4-LIM-01", "MN4-LIM-02", "MN4-LIM-03", "MN4-CMD-EXIT-01", safety=RIG_MOTION,
