@@ -523,3 +523,15 @@ def a_long_traverse_runs_ahead_of_its_arc(patch: MonkeyPatch) -> None:
         return x * path.ticks // path.length if path.is_by_angle else int(go())
 
     around(patch, ArcPath, "_tick_at", act)
+
+
+@board_mutant("MN4-HEL-02")
+def a_traverse_keeps_to_the_ticks_of_its_arc(patch: MonkeyPatch) -> None:
+    """It is even over them, where they are more than its steps, not over the angle."""
+
+    def act(go: Any_, path: ArcPath, x: int) -> int:
+        last = abs(path.traverse)
+        even = (2 * last * x + path.length) // (2 * path.length)
+        return int(go()) if path.is_by_angle else min(last, max(0, even))
+
+    around(patch, ArcPath, "_traversed", act)
