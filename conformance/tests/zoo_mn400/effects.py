@@ -13,6 +13,7 @@ from axistwin.devices.mn400.link.sender import Reply
 from axistwin.devices.mn400.motion import (
     MoveSettings,
     SpeedProfile,
+    VectorMotion,
     moves,
     straight,
 )
@@ -418,6 +419,18 @@ def an_axis_that_stands_forgets_its_direction(patch: MonkeyPatch) -> None:
         return go(now, settings, displacement)
 
     plans(patch, "straight", act)
+
+
+@board_mutant("MN4-BKL-02")
+def an_axis_that_quit_keeps_from_its_segment_turns(patch: MonkeyPatch) -> None:
+    """A contour that Q ends early lets the axes that have not moved remember the negative
+    direction."""
+
+    def act(go: Any_, motion: VectorMotion, axis: int, taken: int) -> int:
+        is_kept = motion.is_aborted and len(motion.chain.paths) > 1 and not taken
+        return -1 if is_kept and motion.chain.total(axis) else int(go())
+
+    around(patch, VectorMotion, "_memory", act)
 
 
 @board_mutant("MN4-BKL-01", "MN4-BKL-07")
