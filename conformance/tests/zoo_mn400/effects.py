@@ -18,6 +18,8 @@ from axistwin.devices.mn400.motion import (
     straight,
 )
 from axistwin.devices.mn400.motion.arcs import ArcPath
+from axistwin.devices.mn400.motion.paths import PathChain
+from axistwin.devices.mn400.motion.timeline import FINE
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from axistwin.devices.mn400.readout import ReadOut
@@ -548,3 +550,15 @@ def a_traverse_keeps_to_the_ticks_of_its_arc(patch: MonkeyPatch) -> None:
         return int(go()) if path.is_by_angle else min(last, max(0, even))
 
     around(patch, ArcPath, "_traversed", act)
+
+
+@board_mutant("MN4-MEA-01")
+def each_segment_is_counted_anew(patch: MonkeyPatch) -> None:
+    """Of a contour E1 counts the ticks of one segment, from its begin."""
+
+    def act(go: Any_, chain: PathChain, x: int) -> int:
+        over = (phantom for start, phantom in zip(chain.starts, chain._phantoms, strict=True)
+                if start < x)  # fmt: skip
+        return int(go()) - (max(over, default=0) >> FINE)
+
+    around(patch, PathChain, "phantoms", act)

@@ -173,7 +173,7 @@ def radii_must_agree(session: Session) -> None:
         motion.run(text, "MN4-ARC-02")
     motion.ready()
     for text, requirement in (
-        ("A0,0,0,0,1", "MN4-ARC-07"), ("A0,0,10,0,-1", "MN4-ARC-07"),
+        ("A0,0,0,0,1", "MN4-ARC-07"), ("A0,0,10,0,-1", "MN4-ARC-07"), ("A0,0,2,0,1", "MN4-ARC-07"),
         ("A-100,0,-50,0,1", "MN4-CMD-A-04"), ("A0,100,0,300,-1", "MN4-CMD-A-04"),
         ("A-300,0,-610,0,1", "MN4-CMD-A-04"), ("+-300,0,-610,0,1,40,0", "MN4-ARC-02"),
         ("+0,100,0,190,-1,40,1", "MN4-ARC-02"), ("+0,0,10,0,1,40,0", "MN4-ARC-07"),
