@@ -251,6 +251,22 @@ def a_contour_goes_on_without_its_pulses(patch: MonkeyPatch) -> None:
     patch.setattr(motion, "_laid", laid)
 
 
+@board_mutant("MN4-CMD-V-02")
+def pulses_before_a_segment_are_kept_for_it(patch: MonkeyPatch) -> None:
+    """Those that come while the segment before it runs make its first steps."""
+
+    def act(go: Any_, motion: VectorMotion, now: int, pulses: int) -> VectorMotion:
+        fed: VectorMotion = go()
+        paces = [
+            replace(pace, used=pace.used + pulses) if number and isinstance(pace, PulsedPace)
+            else pace
+            for number, pace in enumerate(fed.paces)
+        ]  # fmt: skip
+        return replace(fed, paces=tuple(paces))
+
+    around(patch, VectorMotion, "feed", act)
+
+
 @board_mutant("MN4-STM-01")
 def a_move_behind_a_thread_stays(patch: MonkeyPatch) -> None:
     """The last pulse ends a motion, and nothing begins by it."""
