@@ -562,3 +562,14 @@ def each_segment_is_counted_anew(patch: MonkeyPatch) -> None:
         return int(go()) - (max(over, default=0) >> FINE)
 
     around(patch, PathChain, "phantoms", act)
+
+
+@board_mutant("MN4-CC-04")
+def an_axis_that_sets_out_has_half_the_margin(patch: MonkeyPatch) -> None:
+    """As one that turns round has; one that ends, too."""
+
+    def act(go: Any_, before: Any, after: Any, margin: int, *rest: Any) -> Any:
+        is_alone = any(bool(one) != bool(other) for one, other in zip(before, after, strict=True))
+        return go(after, margin // 2 if is_alone else margin, *rest)
+
+    around(patch, moves, "seam_between", act)
