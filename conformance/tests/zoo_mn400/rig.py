@@ -9,6 +9,7 @@ from axistwin.devices.mn400 import jog
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion, motion, straight
+from axistwin.devices.mn400.motion.circle import LatticeCircle
 from axistwin.devices.mn400.motion.moves import ENDLESS
 from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
@@ -47,6 +48,12 @@ def limits_are_looked_at_when_a_motion_begins(patch: MonkeyPatch) -> None:
         mover._limit_ns = NEVER
 
     around(patch, Mover, "_watch", act)
+
+
+@board_mutant("MN4-LIM-01", "MN4-LIM-02")
+def a_limit_is_too_late_a_step_before_a_turn(patch: MonkeyPatch) -> None:
+    """One that goes on before the last step of an axis in its direction does not stop the arc."""
+    around(patch, LatticeCircle, "last_alike", lambda go, circle, n: go(n + 1))
 
 
 @board_mutant("MN4-LIM-06")

@@ -19,6 +19,7 @@ FED: Final = 20  # pulses, and steps that they would make
 SLOW: Final = 500
 FAR: Final = 900
 RADIUS: Final = 200  # of an arc whose half takes about a second
+SMALL, CRAWL = 20, 20  # radius of another, and a speed at which its steps are told from one another
 AUX_8: Final = 32_768
 
 
@@ -160,8 +161,8 @@ def _judge_paced(motion: BoardMotion, text: str, value: int) -> None:
        needs=LIMITS)  # fmt: skip
 def a_limit_meets_an_arc_where_it_turns_round(session: Session) -> None:
     """A limit that is on ends an arc where an axis turns towards it, behind a pause too, and not
-    before, that of an axis which sets out from its end too; one that was let go by then stops
-    nothing."""
+    before, that of an axis which sets out from its end too, and one that goes on shortly before;
+    one that was let go by then stops nothing."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(2 * RADIUS, "these arcs")
     if motion.driver.reading("limit_direction") != "toward":
@@ -190,6 +191,19 @@ def a_limit_meets_an_arc_where_it_turns_round(session: Session) -> None:
     motion.do(f"A{-RADIUS},0,{-RADIUS},{RADIUS},1", "MN4-LIM-02")
     _judge_turn(motion, 1, 1, -2 * RADIUS)
     session.rig.work("limit_plus", False, number=1)
+    if session.rig.is_exact:
+        _judge_last_moment(motion)
+
+
+def _judge_last_moment(motion: BoardMotion) -> None:
+    """Judge a limit that goes on a step before an axis turns towards it."""
+    motion.ready("|", speed=CRAWL)
+    motion.do(f"A{-SMALL},0,{-2 * SMALL},0,1", "MN4-LIM-02")
+    while motion.read()[0][2] > 1 - SMALL and motion.now[0] < motion.ends[1]:
+        pass
+    motion.session.rig.work("limit_plus", True, number=3)
+    _judge_turn(motion, 3, 1, -SMALL)
+    motion.session.rig.work("limit_plus", False, number=3)
 
 
 def _judge_turn(motion: BoardMotion, axis: int, direction: int, turn: int) -> tuple[int, ...]:
