@@ -13,10 +13,13 @@ from axistwin.devices.mn400.link.sender import Reply
 from axistwin.devices.mn400.motion import (
     MoveSettings,
     SpeedProfile,
+    VectorMotion,
     moves,
     straight,
 )
 from axistwin.devices.mn400.motion.arcs import ArcPath
+from axistwin.devices.mn400.motion.paths import PathChain
+from axistwin.devices.mn400.motion.timeline import FINE
 from axistwin.devices.mn400.mover import Mover
 from axistwin.devices.mn400.orders import MotionOrder
 from axistwin.devices.mn400.readout import ReadOut
@@ -420,6 +423,18 @@ def an_axis_that_stands_forgets_its_direction(patch: MonkeyPatch) -> None:
     plans(patch, "straight", act)
 
 
+@board_mutant("MN4-BKL-02")
+def an_axis_that_quit_keeps_from_its_segment_turns(patch: MonkeyPatch) -> None:
+    """A contour that Q ends early lets the axes that have not moved remember the negative
+    direction."""
+
+    def act(go: Any_, motion: VectorMotion, axis: int, taken: int) -> int:
+        is_kept = motion.is_aborted and len(motion.chain.paths) > 1 and not taken
+        return -1 if is_kept and motion.chain.total(axis) else int(go())
+
+    around(patch, VectorMotion, "_memory", act)
+
+
 @board_mutant("MN4-BKL-01", "MN4-BKL-07")
 def a_compensation_runs_on_into_its_motion(patch: MonkeyPatch) -> None:
     """Where both have one direction, without braking between them."""
@@ -523,3 +538,38 @@ def a_long_traverse_runs_ahead_of_its_arc(patch: MonkeyPatch) -> None:
         return x * path.ticks // path.length if path.is_by_angle else int(go())
 
     around(patch, ArcPath, "_tick_at", act)
+
+
+@board_mutant("MN4-HEL-02")
+def a_traverse_keeps_to_the_ticks_of_its_arc(patch: MonkeyPatch) -> None:
+    """It is even over them, where they are more than its steps, not over the angle."""
+
+    def act(go: Any_, path: ArcPath, x: int) -> int:
+        last = abs(path.traverse)
+        even = (2 * last * x + path.length) // (2 * path.length)
+        return int(go()) if path.is_by_angle else min(last, max(0, even))
+
+    around(patch, ArcPath, "_traversed", act)
+
+
+@board_mutant("MN4-MEA-01")
+def each_segment_is_counted_anew(patch: MonkeyPatch) -> None:
+    """Of a contour E1 counts the ticks of one segment, from its begin."""
+
+    def act(go: Any_, chain: PathChain, x: int) -> int:
+        over = (phantom for start, phantom in zip(chain.starts, chain._phantoms, strict=True)
+                if start < x)  # fmt: skip
+        return int(go()) - (max(over, default=0) >> FINE)
+
+    around(patch, PathChain, "phantoms", act)
+
+
+@board_mutant("MN4-CC-04")
+def an_axis_that_sets_out_has_half_the_margin(patch: MonkeyPatch) -> None:
+    """As one that turns round has; one that ends, too."""
+
+    def act(go: Any_, before: Any, after: Any, margin: int, *rest: Any) -> Any:
+        is_alone = any(bool(one) != bool(other) for one, other in zip(before, after, strict=True))
+        return go(after, margin // 2 if is_alone else margin, *rest)
+
+    around(patch, moves, "seam_between", act)

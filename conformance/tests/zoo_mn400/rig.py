@@ -9,6 +9,7 @@ from axistwin.devices.mn400 import jog
 from axistwin.devices.mn400.inputs import Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion, motion, straight
+from axistwin.devices.mn400.motion.circle import LatticeCircle
 from axistwin.devices.mn400.motion.moves import ENDLESS
 from axistwin.devices.mn400.motion.pace import PulsedPace
 from axistwin.devices.mn400.mover import Mover
@@ -49,6 +50,12 @@ def limits_are_looked_at_when_a_motion_begins(patch: MonkeyPatch) -> None:
     around(patch, Mover, "_watch", act)
 
 
+@board_mutant("MN4-LIM-01", "MN4-LIM-02")
+def a_limit_is_too_late_a_step_before_a_turn(patch: MonkeyPatch) -> None:
+    """One that goes on before the last step of an axis in its direction does not stop the arc."""
+    around(patch, LatticeCircle, "last_alike", lambda go, circle, n: go(n + 1))
+
+
 @board_mutant("MN4-LIM-06")
 def a_single_step_is_made_towards_a_limit(patch: MonkeyPatch) -> None:
     """M1 with the limit on is a move like any other."""
@@ -56,6 +63,16 @@ def a_single_step_is_made_towards_a_limit(patch: MonkeyPatch) -> None:
     def act(go: Any_, mover: Mover) -> Any:
         is_single = mover._motion is not None and sum(map(abs, mover._motion.total)) == 1
         return [] if is_single else go()
+
+    around(patch, Mover, "_blocked", act)
+
+
+@board_mutant("MN4-LIM-06")
+def pulses_drive_an_axis_past_its_limit(patch: MonkeyPatch) -> None:
+    """A limit stops no motion at a negative speed."""
+
+    def act(go: Any_, mover: Mover) -> Any:
+        return [] if mover.is_waiting_for_pulses else go()
 
     around(patch, Mover, "_blocked", act)
 
@@ -239,6 +256,22 @@ def a_contour_goes_on_without_its_pulses(patch: MonkeyPatch) -> None:
 
     lay = motion._laid
     patch.setattr(motion, "_laid", laid)
+
+
+@board_mutant("MN4-CMD-V-02")
+def pulses_before_a_segment_are_kept_for_it(patch: MonkeyPatch) -> None:
+    """Those that come while the segment before it runs make its first steps."""
+
+    def act(go: Any_, motion: VectorMotion, now: int, pulses: int) -> VectorMotion:
+        fed: VectorMotion = go()
+        paces = [
+            replace(pace, used=pace.used + pulses) if number and isinstance(pace, PulsedPace)
+            else pace
+            for number, pace in enumerate(fed.paces)
+        ]  # fmt: skip
+        return replace(fed, paces=tuple(paces))
+
+    around(patch, VectorMotion, "feed", act)
 
 
 @board_mutant("MN4-STM-01")

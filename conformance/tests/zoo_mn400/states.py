@@ -259,6 +259,25 @@ def a_pause_is_answered_only(patch: MonkeyPatch) -> None:
     around(patch, Mover, "pause", act)
 
 
+@board_mutant("MN4-CMD-PAU-01")
+def a_move_is_paused_but_once(patch: MonkeyPatch) -> None:
+    """{ pauses nothing of a move that has been resumed."""
+
+    resumed: list[Any_] = []
+
+    def resume(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if mover.is_paused and reason == "command":
+            resumed.append(mover.order)
+        go()
+
+    def pause(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
+        if not any(mover.order is one for one in resumed):
+            go()
+
+    around(patch, Mover, "resume", resume)
+    around(patch, Mover, "pause", pause)
+
+
 @board_mutant("MN4-CMD-PAU-02", "MN4-PAU-02", "MN4-PAU-03", traps=(41,))
 def a_resumed_move_begins_anew(patch: MonkeyPatch) -> None:
     """} makes the whole distance once more."""

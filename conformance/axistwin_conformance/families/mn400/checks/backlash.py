@@ -22,6 +22,8 @@ ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
 # What waits behind a move of axis 1 until Q drops it: a move, an arc and a contour by which each
 # axis would have turned round.
 DROPPED: Final = (("M-50,-50",), ("A-50,0,-50,-50,1",), ("(", "M-80,,,-60", "M-80,,,-60", ")"))
+# A contour that Q ends amid its first segment: in the second one each axis would go on as it went.
+CUT_SHORT: Final = ("M100", "M,50,40,30", "M40")
 CRAWL: Final = 50  # steps/s: at this one what is taken up may be little
 CREEPING: Final = 100  # steps/s, for few steps: what may be taken up adds up
 PAUSED_AT_S: Final = 0.25  # of a compensation of 0.6 s
@@ -107,8 +109,8 @@ def the_memory_is_of_the_last_motion(session: Session) -> None:
 
 @check("MN4-BKL-02", safety=MOTION)
 def what_quit_drops_is_not_remembered(session: Session) -> None:
-    """Motions that have waited and never begun turn no axis: behind Q a move the way all axes went
-    before takes up no backlash."""
+    """Motions that have waited and never begun turn no axis, nor does a contour whose segments Q
+    comes before: a move the way all axes went takes up no backlash then."""
     motion = begun(session)
     if motion.driver.reading("quit_flushes_queue") == "false":
         session.skip("Q of this board drops nothing (MN4-AMB-62)")
@@ -124,6 +126,16 @@ def what_quit_drops_is_not_remembered(session: Session) -> None:
         motion.model.accept(first, motion.span(exchange))
         for text in others:
             motion.do(text, "MN4-BKL-02")
+    _judge_behind_quit(motion)
+    motion.ready("B10,10,10,10", speed=CRAWL)
+    motion.set("(")
+    for text in (*CUT_SHORT, ")"):
+        motion.do(text, "MN4-BKL-02")
+    _judge_behind_quit(motion)
+
+
+def _judge_behind_quit(motion: BoardMotion) -> None:
+    """Judge that no axis has turned round, and so none of them takes up backlash."""
     motion.do("Q", "MN4-BKL-02")
     motion.rest()
     motion.run(f"M{FEW},{FEW},{FEW},{FEW}", "MN4-BKL-02")

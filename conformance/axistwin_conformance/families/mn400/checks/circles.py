@@ -42,7 +42,9 @@ BESIDE: Final = 2.3  # steps by which radii may differ: rounding of a right arc 
 QUEUED: Final = 6  # places that are taken behind the motion that runs
 ON_CIRCLE: Final = ("MN4-ARC-04", "MN4-ARC-08")
 ALONG: Final = 3.5  # steps along a circle: more than rounding of an arc and its traverse gives
+TRAVERSES: Final = (600, 540)  # along half a circle of 566 ticks
 LONG_TURNS: Final = 28  # of radius 500, behind a half: 80600 ticks, more than 16 bits hold
+LONG_LOOKS: Final = 61  # at other fractions of a step of the traverse, ever again
 OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right arc gives
 
 
@@ -171,7 +173,7 @@ def radii_must_agree(session: Session) -> None:
         motion.run(text, "MN4-ARC-02")
     motion.ready()
     for text, requirement in (
-        ("A0,0,0,0,1", "MN4-ARC-07"), ("A0,0,10,0,-1", "MN4-ARC-07"),
+        ("A0,0,0,0,1", "MN4-ARC-07"), ("A0,0,10,0,-1", "MN4-ARC-07"), ("A0,0,2,0,1", "MN4-ARC-07"),
         ("A-100,0,-50,0,1", "MN4-CMD-A-04"), ("A0,100,0,300,-1", "MN4-CMD-A-04"),
         ("A-300,0,-610,0,1", "MN4-CMD-A-04"), ("+-300,0,-610,0,1,40,0", "MN4-ARC-02"),
         ("+0,100,0,190,-1,40,1", "MN4-ARC-02"), ("+0,0,10,0,1,40,0", "MN4-ARC-07"),
@@ -234,13 +236,14 @@ def helices_turn_and_traverse(session: Session) -> None:
             path = ("MN4-HEL-02", "MN4-CMD-HEL-02", "MN4-CMD-HEL-03")
             end = ("MN4-CMD-HEL-01", "MN4-CMD-HEL-02")
             motion.follow(path, end, ("MN4-HEL-01", "MN4-CMD-HEL-01"), samples=8)
-    _judge_long_traverse(motion)
+    for steps in TRAVERSES:
+        _judge_long_traverse(motion, steps)
 
 
-def _judge_long_traverse(motion: BoardMotion) -> None:
-    """A helix whose traverse makes the most steps: at any time it is as far as the arc has
-    turned."""
-    radius, traverse = 200, 600
+def _judge_long_traverse(motion: BoardMotion, traverse: int) -> None:
+    """A helix whose traverse makes more steps than its arc, or nearly as many: at any time it is as
+    far as the arc has turned."""
+    radius = 200
     motion.ready(motion.plane(1, 2, 3))
     motion.do(f"+-{radius},0,-{2 * radius},0,1,{traverse},0", "MN4-CMD-HEL-01")
     for x, y, z, _ in motion.follow("MN4-HEL-02", samples=8):
@@ -257,7 +260,7 @@ def a_long_helix_keeps_its_proportion(session: Session) -> None:
     motion.needs_room(1000, "this helix")
     motion.ready(speed=motion.fast(5000))
     motion.do(f"+-500,0,-1000,0,1,-900,{LONG_TURNS}", "MN4-CMD-HEL-01")
-    motion.follow("MN4-HEL-02", "MN4-CMD-HEL-01", "MN4-CMD-HEL-01", samples=16)
+    motion.follow("MN4-HEL-02", "MN4-CMD-HEL-01", "MN4-CMD-HEL-01", samples=LONG_LOOKS)
 
 
 @check("MN4-HEL-03", safety=MOTION)

@@ -20,6 +20,7 @@ ORDER = 140
 EXAMPLE_LINES: Final = (
     "V3000", "M500,,500", "M505,,500", "M509,,500", "V3850", "M530,,505", "M520,,510",
 )  # fmt: skip
+BESIDE_LINES: Final = ("V3000", "M600", "M600,6", "M600")  # 2000 steps/s at each end of the second
 EXAMPLE_STEPS: Final = 2564  # along its longest axis
 PLANNED_S: Final = 1  # by which a board has made its plan of many segments, and moves
 # Margins and places of two contours that wait, one behind the other, and the profile of the bends.
@@ -44,15 +45,19 @@ def contour(
 @check("MN4-CMD-CC-01", "MN4-CMD-CC-02", "MN4-CMD-CC-05", "MN4-CC-01", "MN4-CC-03", "MN4-CC-04",
        "MN4-CC-06", "MN4-CC-05", safety=MOTION)  # fmt: skip
 def the_example_takes_the_time_of_its_margin(session: Session) -> None:
-    """Five segments on two axes with margins of 50 and 20: every reading on the way and the end
-    are those of the fastest plan that keeps both."""
+    """Five segments on two axes with margins of 50 and 20, and three of which only the second moves
+    another axis: every reading on the way and the end are those of the fastest plan that keeps
+    them."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(EXAMPLE_STEPS, "the example's segments")
     motion.needs_speed(3850, "the example's segments")
     usual = ("MN4-CC-05", "MN4-CMD-CC-01")
-    for opening, names in (("(50", ("MN4-CC-04",)), ("(", usual), ("(20", ("MN4-CC-04",))):
+    for opening, names, lines in (
+        ("(50", ("MN4-CC-04",), EXAMPLE_LINES), ("(", usual, EXAMPLE_LINES),
+        ("(20", ("MN4-CC-04",), EXAMPLE_LINES), ("(20", ("MN4-CC-04",), BESIDE_LINES),
+    ):  # fmt: skip
         motion.ready()
-        contour(motion, opening, EXAMPLE_LINES)
+        contour(motion, opening, lines)
         motion.do(")", "MN4-CMD-CC-05")
         path = (*names, "MN4-CC-03", "MN4-CC-06", "MN4-CMD-CC-05")
         motion.follow(path, "MN4-CC-01", path, samples=10)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Final
 
@@ -20,6 +21,7 @@ ORDER = 170
 
 SPEEDS: Final = (300, 1500)
 SLOW: Final = 500
+LAST: Final = 12  # steps of the last segment of a contour: a quarter of what E1 counts
 
 
 @check("MN4-CMD-E-02", "MN4-CMD-E-03", "MN4-MEA-01", "MN4-MEA-02", "MN4-MEA-03",
@@ -70,11 +72,22 @@ def _judge_count(
 
 @check("MN4-MEA-01", safety=MOTION)
 def a_measurement_counts_what_is_left_of_a_move(session: Session) -> None:
-    """Begun shortly before the end of one, it counts its last ticks and none behind them."""
+    """Begun shortly before the end of one, it counts its last ticks and none behind them; also of a
+    contour whose last segment begins meanwhile."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(SLOW, "this move")
+    whole = f"M{SLOW},{-SLOW // 3}"
+    _judge_last_ticks(motion, (whole,), whole)
+    segments = f"M{SLOW - LAST},{-SLOW // 3}", f"M{LAST},{-LAST // 3}"
+    _judge_last_ticks(motion, ("(", *segments, ")"), "a contour")
+
+
+def _judge_last_ticks(motion: BoardMotion, texts: Sequence[str], told: str) -> None:
+    """Judge the count of E1 shortly before the end of what goes that far."""
+    session = motion.session
     motion.ready(speed=SLOW, profile=(SLOW, SLOW, 10_000))
-    motion.do(f"M{SLOW},{-SLOW // 3}", "MN4-MEA-01")
+    for text in texts:
+        motion.do(text, "MN4-MEA-01")
     motion.wait_until(motion.ends[0] - Fraction(MEASURES_S[1]) * 2 / 3)
     exchange = motion.driver.draws("E1", DATA, "MN4-MEA-01")
     fields = exchange.value.fields if exchange.value else None
@@ -84,7 +97,8 @@ def a_measurement_counts_what_is_left_of_a_move(session: Session) -> None:
     low, high = motion.model.where(motion.widened(started))[0]
     least, most = SLOW - high - 1, SLOW - low + 1
     is_right = least <= fields[-1] <= most
-    session.expect(is_right, "MN4-MEA-01", f"{least} to {most}", fields[-1], "to E1")
+    when = f"to E1 shortly before the end of {told}"
+    session.expect(is_right, "MN4-MEA-01", f"{least} to {most}", fields[-1], when)
 
 
 @check("MN4-CMD-E-04", "MN4-MEA-04", safety=MOTION)

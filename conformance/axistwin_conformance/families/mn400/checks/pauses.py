@@ -28,6 +28,7 @@ PAUSED: Final = (
     ("+-100,0,-200,0,-1,300,2", 0.7),
 )  # fmt: skip
 MOST_PAUSES: Final = 3
+AGAIN_STEPS: Final = 850  # more than a pause brakes for: so far is a move that is paused again
 WAITING: Final = ("M0,0,500", "L0,7,0,0")  # behind a move of axis 1; Q drops it
 RAMPED: Final = (500, 5000, 5000)  # a profile by which M2000 at V3000 takes 1.1 s
 # What runs with that, and when } comes: on the ramp up, at speed, on the ramp down.
@@ -60,13 +61,14 @@ def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[
        "MN4-CMD-SW-02", safety=MOTION)  # fmt: skip
 def a_move_stands_where_it_is_paused(session: Session) -> None:
     """Half-way at start speed, and braking to it from a higher one, with a multiplex as well; E and
-    N add up to the whole, : tells of the pause, and } goes on to the end."""
+    N add up to the whole, : tells of the pause, and } goes on to the end; a second { pauses it as
+    the first did."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(2000, "these moves")
     for multiplex, speed, by, at_s in (
         (1, 1000, (2000, 0, 0, 0), 1.0), (4, 3000, (2000, -500, 0, 1), 0.4),
-        (1, 3000, (-2000, 0, 0, 0), 0.1),
+        (1, 3000, (-2000, 0, 0, 0), 0.1), (4, 3000, (-2000, 700, 0, 0), 0.12),
     ):  # fmt: skip
         motion.ready(f"X{multiplex}", speed=speed, profile=(1000, 5000, 5000))
         motion.do(f"M{','.join(map(str, by))}", "MN4-CMD-PAU-01")
@@ -80,10 +82,26 @@ def a_move_stands_where_it_is_paused(session: Session) -> None:
         session.expect(left == rest, names, rest, left, f"left of {by} at {here}")
         motion.stays("MN4-CMD-PAU-01")
         _judge_flags(motion, is_paused=True)
-        motion.do("}", "MN4-CMD-PAU-02")
+        resumed = motion.span(motion.do("}", "MN4-CMD-PAU-02"))
         _judge_flags(motion, is_paused=False)
+        if multiplex == 1:
+            _judge_once_more(motion, resumed, here, by)
         rows = (here, *motion.follow("MN4-CMD-PAU-02", samples=4))
         session.expect(is_monotone(rows, by), "MN4-CMD-PAU-02", f"no way back on {by}", rows)
+
+
+def _judge_once_more(
+    motion: BoardMotion, resumed: Span, here: tuple[int, ...], by: tuple[int, ...]
+) -> None:
+    """Judge a second pause, of a move that goes on from there and has far to go, and end it."""
+    paused = motion.span(motion.do("{", "MN4-CMD-PAU-01"))
+    again = motion.rest_paused()
+    is_short = abs(again[0]) < abs(by[0])
+    most = AGAIN_STEPS + motion.model.settings.speed * (paused[1] - resumed[0])
+    when = f"behind a second {{ on the way to {by}"
+    if abs(by[0] - here[0]) >= most:  # else a slow host may have let it come to its end
+        motion.session.expect(is_short, "MN4-CMD-PAU-01", "at rest before that", again, when)
+    motion.do("}", "MN4-CMD-PAU-02")
 
 
 def _judge_halt(motion: BoardMotion, taken: Span, by: tuple[int, ...]) -> None:

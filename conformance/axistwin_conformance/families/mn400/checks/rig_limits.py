@@ -14,9 +14,12 @@ from axistwin_conformance.families.mn400.planner.circle import STRAY
 ORDER = 300
 
 LIMITS: Final = ("rig:limit_plus", "rig:limit_minus")
+PULSES: Final = "pulses"
+FED: Final = 20  # pulses, and steps that they would make
 SLOW: Final = 500
 FAR: Final = 900
 RADIUS: Final = 200  # of an arc whose half takes about a second
+SMALL, CRAWL = 20, 20  # radius of another, and a speed at which its steps are told from one another
 AUX_8: Final = 32_768
 
 
@@ -98,7 +101,8 @@ def _judge_all_halted(motion: BoardMotion, here: tuple[int, ...], by: list[int])
        needs=LIMITS)  # fmt: skip
 def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
     """That of an axis that stands stops nothing, nor does one behind an axis that takes up its
-    backlash; a move towards it makes no step and sets /, towards two of them the sum."""
+    backlash; a move towards it makes no step and sets /, towards two of them the sum; so does one
+    that pulses pace."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(300, "these moves")
@@ -122,6 +126,8 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
             session.expect(after == before, "MN4-LIM-06", before, after)
             code = driver.exit_code()
             session.expect(code == value, "MN4-LIM-06", value, code, "exit code")
+        if PULSES in session.rig.capabilities:
+            _judge_paced(motion, alone(axis, direction * FED), value)
         session.rig.work("limit_plus", True, number=other + 1)
         by = [0] * AXES
         by[axis], by[other] = direction * 50, 50
@@ -137,12 +143,26 @@ def a_limit_that_is_on_holds_back_its_direction_alone(session: Session) -> None:
         session.rig.work(limit_name(direction), False, number=axis + 1)
 
 
+def _judge_paced(motion: BoardMotion, text: str, value: int) -> None:
+    """Judge a move towards a limit that is on, once all pulses that it would take have come."""
+    session, driver = motion.session, motion.driver
+    before, _ = motion.read()
+    for setting in ("|", "V-1", text):
+        driver.command(setting)
+    session.rig.work(PULSES, FED)
+    after, told = motion.stays("MN4-LIM-06"), f"behind {FED} pulses"
+    session.expect(after == before, "MN4-LIM-06", before, after, told)
+    code = driver.exit_code()
+    session.expect(code == value, "MN4-LIM-06", value, code, f"exit code {told}")
+    driver.command(f"V{motion.model.settings.speed}")
+
+
 @check("MN4-LIM-01", "MN4-LIM-02", "MN4-LIM-03", "MN4-CMD-EXIT-01", safety=RIG_MOTION,
        needs=LIMITS)  # fmt: skip
 def a_limit_meets_an_arc_where_it_turns_round(session: Session) -> None:
     """A limit that is on ends an arc where an axis turns towards it, behind a pause too, and not
-    before, that of an axis which sets out from its end too; one that was let go by then stops
-    nothing."""
+    before, that of an axis which sets out from its end too, and one that goes on shortly before;
+    one that was let go by then stops nothing."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(2 * RADIUS, "these arcs")
     if motion.driver.reading("limit_direction") != "toward":
@@ -171,6 +191,19 @@ def a_limit_meets_an_arc_where_it_turns_round(session: Session) -> None:
     motion.do(f"A{-RADIUS},0,{-RADIUS},{RADIUS},1", "MN4-LIM-02")
     _judge_turn(motion, 1, 1, -2 * RADIUS)
     session.rig.work("limit_plus", False, number=1)
+    if session.rig.is_exact:
+        _judge_last_moment(motion)
+
+
+def _judge_last_moment(motion: BoardMotion) -> None:
+    """Judge a limit that goes on a step before an axis turns towards it."""
+    motion.ready("|", speed=CRAWL)
+    motion.do(f"A{-SMALL},0,{-2 * SMALL},0,1", "MN4-LIM-02")
+    while motion.read()[0][2] > 1 - SMALL and motion.now[0] < motion.ends[1]:
+        pass
+    motion.session.rig.work("limit_plus", True, number=3)
+    _judge_turn(motion, 3, 1, -SMALL)
+    motion.session.rig.work("limit_plus", False, number=3)
 
 
 def _judge_turn(motion: BoardMotion, axis: int, direction: int, turn: int) -> tuple[int, ...]:

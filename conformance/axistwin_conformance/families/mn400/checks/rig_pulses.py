@@ -240,15 +240,17 @@ def at_a_negative_speed_pulses_pace_every_move(session: Session) -> None:
 
 @check("MN4-CMD-V-02", safety=RIG_MOTION, needs=("rig:pulses",))
 def a_contour_waits_for_the_pulses_of_a_segment(session: Session) -> None:
-    """Of three segments that of a negative speed advances with its pulses; the one behind it begins
-    when they have come."""
+    """Of three segments that of a negative speed advances with its pulses, not with those before it
+    begins; the one behind it begins when they have come."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(150, "this contour")
     if motion.driver.reading("contour_pulses") != "paced":
         session.skip("no pulses pace the contours of this board (MN4-AMB-73)")
     motion.ready()
-    for text in ("(", "V1000", "M50", "V-1", "M50", "V1000", "M50", ")"):
+    for text in ("(", "V500", "M50", "V-1", "M50", "V1000", "M50", ")"):
         motion.driver.draws(text, DONE, "MN4-CMD-V-02")
+    if session.rig.is_exact:  # else they may come too late
+        session.rig.work("pulses", 5)
     for pulses, wanted in ((0, 50), (20, 70), (30, 150)):
         if pulses:
             session.rig.work("pulses", pulses)
