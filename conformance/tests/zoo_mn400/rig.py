@@ -98,6 +98,28 @@ def the_shield_stops_nothing(patch: MonkeyPatch) -> None:
     around(patch, Mover, "shield_changed", lambda go, mover, now: None)
 
 
+def _program_goes_on(patch: MonkeyPatch, method: str) -> None:
+    """Let the next line of a program be carried out behind what such a method ends."""
+
+    def act(go: Any_, mover: Mover, *given: Any) -> None:
+        go()
+        mover.was_flushed = False
+
+    around(patch, Mover, method, act)
+
+
+@board_mutant("MN4-LIM-03")
+def a_program_goes_on_behind_a_limit(patch: MonkeyPatch) -> None:
+    """A limit ends its move, and the next line is carried out."""
+    _program_goes_on(patch, "_trip")
+
+
+@board_mutant("MN4-SHD-01")
+def a_program_goes_on_behind_an_open_shield(patch: MonkeyPatch) -> None:
+    """The shield ends its move, and the next line is carried out."""
+    _program_goes_on(patch, "abort")
+
+
 @board_mutant("MN4-SHD-02")
 def feed_hold_is_no_pause(patch: MonkeyPatch) -> None:
     """With ;1 an open shield ends the motion."""
