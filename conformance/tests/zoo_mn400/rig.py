@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from axistwin.devices.mn400 import jog
-from axistwin.devices.mn400.inputs import Inputs
+from axistwin.devices.mn400.commands import Interpreter
+from axistwin.devices.mn400.inputs import LIMITS, Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion, motion, straight
 from axistwin.devices.mn400.motion.moves import ENDLESS
@@ -140,6 +141,29 @@ def the_panel_jogs_in_run_mode(patch: MonkeyPatch) -> None:
         kept, jogger.is_on = jogger.is_on, True
         go()
         jogger.is_on = kept
+
+    around(patch, Jogger, "press", act)
+
+
+@board_mutant("MN4-JOG-07")
+def a_jog_outlasts_jog_mode(patch: MonkeyPatch) -> None:
+    """J0 is heard by inputs that are turned on later: one that is held moves on."""
+
+    def act(go: Any_, one: Interpreter, now: int, is_on: bool) -> None:
+        one._jogger.is_on = is_on
+
+    around(patch, Interpreter, "set_jog", act)
+
+
+@board_mutant("MN4-JOG-08")
+def a_jog_begins_towards_a_limit(patch: MonkeyPatch) -> None:
+    """One that comes on ends it; one that is on before is not looked at."""
+
+    def act(go: Any_, jogger: Jogger, *given: Any) -> None:
+        inputs = jogger._inputs
+        kept, inputs._on = inputs._on, inputs._on - {*LIMITS}
+        go()
+        inputs._on = kept
 
     around(patch, Jogger, "press", act)
 

@@ -189,9 +189,13 @@ def limits_and_shield_end_jogging(session: Session) -> None:
         else:
             session.rig.work(name, True, number=number)
         motion.target.wait(0.2)
-        motion.stays(requirement)
+        before = motion.stays(requirement)
         session.rig.work("jog_plus", False, number=1)
         if name != "J0":
+            hold(motion, "jog_plus")
+            after = motion.read()[0]
+            session.rig.work("jog_plus", False, number=1)
+            session.expect(after == before, requirement, before, after, "held again")
             session.rig.work(name, False, number=number)
             motion.driver.command("J0")
         motion.ready(f"Y{JOG_SPEED}", "G1000,1000,1000,1000,1000", profile=PROFILE)
