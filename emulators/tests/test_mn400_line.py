@@ -242,7 +242,13 @@ def test_a_poll_for_all_finds_every_board_without_a_collision() -> None:
 
 @pytest.mark.parametrize(
     ("line", "last"),
-    [("E", "0,0,0,0"), ("E1", "0,0,0,0,0"), ("S", "0"), ("?", "MN400 V 1.08 / 1.04")],
+    [
+        ("E", "0,0,0,0"),
+        ("E1", "0,0,0,0,0"),
+        ("E00001", "0,0,0,0,0"),
+        ("S", "0"),
+        ("?", "MN400 V 1.08 / 1.04"),
+    ],
 )
 def test_values_for_all_are_told_in_longer_slots(line: str, last: str) -> None:
     """Every packet is whole (MN4-DROP-04)."""

@@ -267,6 +267,12 @@ def port_nine_is_port_eight(patch: MonkeyPatch) -> None:
     commands(patch, "C", lambda go, one, line, given: go((min(given[0], 8), given[1])))
 
 
+@board_mutant("MN4-CMD-C-03")
+def there_is_no_port_eight(patch: MonkeyPatch) -> None:
+    """C8,1 draws PARA_ERROR."""
+    parameter(patch, "C", 0, high=7)
+
+
 @board_mutant("MN4-CMD-P-02")
 def both_motors_of_a_plane_may_be_one(patch: MonkeyPatch) -> None:
     """P1,1 is taken for P1,3."""

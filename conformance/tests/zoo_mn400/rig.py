@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from axistwin.devices.mn400 import jog
-from axistwin.devices.mn400.inputs import Inputs
+from axistwin.devices.mn400.commands import Interpreter
+from axistwin.devices.mn400.inputs import LIMITS, Inputs
 from axistwin.devices.mn400.jog import Jogger
 from axistwin.devices.mn400.motion import MoveSettings, PulseTrain, VectorMotion, motion, straight
 from axistwin.devices.mn400.motion.circle import LatticeCircle
@@ -115,6 +116,28 @@ def the_shield_stops_nothing(patch: MonkeyPatch) -> None:
     around(patch, Mover, "shield_changed", lambda go, mover, now: None)
 
 
+def _program_goes_on(patch: MonkeyPatch, method: str) -> None:
+    """Let the next line of a program be carried out behind what such a method ends."""
+
+    def act(go: Any_, mover: Mover, *given: Any) -> None:
+        go()
+        mover.was_flushed = False
+
+    around(patch, Mover, method, act)
+
+
+@board_mutant("MN4-LIM-03")
+def a_program_goes_on_behind_a_limit(patch: MonkeyPatch) -> None:
+    """A limit ends its move, and the next line is carried out."""
+    _program_goes_on(patch, "_trip")
+
+
+@board_mutant("MN4-SHD-01")
+def a_program_goes_on_behind_an_open_shield(patch: MonkeyPatch) -> None:
+    """The shield ends its move, and the next line is carried out."""
+    _program_goes_on(patch, "abort")
+
+
 @board_mutant("MN4-SHD-02")
 def feed_hold_is_no_pause(patch: MonkeyPatch) -> None:
     """With ;1 an open shield ends the motion."""
@@ -135,6 +158,29 @@ def the_panel_jogs_in_run_mode(patch: MonkeyPatch) -> None:
         kept, jogger.is_on = jogger.is_on, True
         go()
         jogger.is_on = kept
+
+    around(patch, Jogger, "press", act)
+
+
+@board_mutant("MN4-JOG-07")
+def a_jog_outlasts_jog_mode(patch: MonkeyPatch) -> None:
+    """J0 is heard by inputs that are turned on later: one that is held moves on."""
+
+    def act(go: Any_, one: Interpreter, now: int, is_on: bool) -> None:
+        one._jogger.is_on = is_on
+
+    around(patch, Interpreter, "set_jog", act)
+
+
+@board_mutant("MN4-JOG-08")
+def a_jog_begins_towards_a_limit(patch: MonkeyPatch) -> None:
+    """One that comes on ends it; one that is on before is not looked at."""
+
+    def act(go: Any_, jogger: Jogger, *given: Any) -> None:
+        inputs = jogger._inputs
+        kept, inputs._on = inputs._on, inputs._on - {*LIMITS}
+        go()
+        inputs._on = kept
 
     around(patch, Jogger, "press", act)
 

@@ -62,6 +62,7 @@ _VALUE_BYTES: Final = {"/": 3, "?": 0, "S": 6, "[": 1, ":": 9, "N": _COUNTERS, "
 """The longest value of each command (MN4-DROP-04)."""
 
 _COUNT_BYTES: Final = len(",4294967295")
+_MEASURES_MS: Final = {b"%d" % number: ms for number, ms in MEASURES_MS.items()}
 SPINDLE_PULSES: Final = 2000
 """Of an encoder on the spindle, in one turn: then comes its index pulse."""
 
@@ -258,7 +259,7 @@ class Mn400Board:
                 longest = len(self.quirks.firmware) + around
             if letter == "E" and payload[1:].isdigit():
                 longest += _COUNT_BYTES
-                wait_ns = MEASURES_MS.get(int(payload[1:5]), 0) * NS_PER_MS
+                wait_ns = _MEASURES_MS.get(payload[1:].lstrip(b"0"), 0) * NS_PER_MS
         elif self.quirks.poll_slot_ms != "auto":
             slot = parse_decimal(self.quirks.poll_slot_ms)
             assert slot is not None

@@ -12,7 +12,7 @@ from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.checks.destructive import FIXED
 from axistwin_conformance.families.mn400.checks.stored import judge_listing
 from axistwin_conformance.families.mn400.driver import AXES, DONE, PRESENT, BoardDriver
-from axistwin_conformance.families.mn400.motion.board_motion import BoardMotion
+from axistwin_conformance.families.mn400.motion.board_motion import CLOCK_ERROR, BoardMotion
 from axistwin_conformance.families.mn400.persistence.address_recovery import (
     brought_back,
     change_rate,
@@ -349,19 +349,26 @@ def _begins(found: Sequence[codec.BoardPacket], letter: str, codes: Sequence[str
 
 @check("MN4-NVM-06", "MN4-NVM-05", safety=("motion", *UNREACHABLE), needs=ALONE)
 def a_configuration_may_move(session: Session) -> None:
-    """A move in the configuration is made at power-up, each time."""
+    """A move in the configuration is made at power-up, each time, and not before."""
     driver = BoardDriver(session)
     relative = relative_mode(driver)
+    lines = (*MOTION, f"V{SLOW_SPEED}", relative, f"M{STEPS}", f"M,{STEPS}")
+    names = ("MN4-NVM-06", "MN4-NVM-05")
     with emptied_afterwards(driver), brought_back(driver, codec.IDS[0]):
-        enter_configuration(driver, (*MOTION, relative, f"M{STEPS}", f"M,{STEPS}"))
+        enter_configuration(driver, lines)
         for _ in range(2):
-            switch_on(driver)
+            before_ns = switch_on(driver)
             at_power_on = BoardDriver(session, codec.IDS[0])
             session.step(serves_again(at_power_on), "a board that answers after power-up", "none")
-            driver.target.wait(SETTLE_S)
+            position = at_power_on.position()
+            seconds = (driver.target.now_ns - before_ns) / 1e9
+            most = SLOW_SPEED * seconds * (1 + CLOCK_ERROR) + 2
+            told, when = f"at most {most:.1f} steps", f"{seconds:.2f} s after power-up"
+            session.expect(sum(position) <= most, names, told, position, when)
+            driver.target.wait(2 * STEPS / SLOW_SPEED + SETTLE_S)
             position = at_power_on.position()
             wanted = (STEPS, STEPS, 0, 0)
-            session.expect(position == wanted, ("MN4-NVM-06", "MN4-NVM-05"), wanted, position)
+            session.expect(position == wanted, names, wanted, position)
             for text in (*MOTION[1:], relative):
                 at_power_on.command(text)
             at_power_on.command(f"M-{STEPS},-{STEPS}")

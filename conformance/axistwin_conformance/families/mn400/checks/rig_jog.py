@@ -175,17 +175,27 @@ def _listed(letter: str, values: Sequence[int]) -> str:
     return letter + ",".join(map(str, values))
 
 
-@check("MN4-JOG-08", safety=RIG_MOTION, needs=(*JOG, "rig:limit_plus", "rig:shield"))
+@check("MN4-JOG-08", "MN4-JOG-07", safety=RIG_MOTION, needs=(*JOG, "rig:limit_plus", "rig:shield"))
 def limits_and_shield_end_jogging(session: Session) -> None:
-    """An input that is held moves nothing towards a limit that is on, nor with the shield open."""
+    """An input that is held moves nothing towards a limit that is on, nor with the shield open, nor
+    once the board has left jog mode."""
     motion = jogging(session, "G1000,1000,1000,1000,1000")
-    for name, number in (("limit_plus", 1), ("shield", None)):
+    for name, number in (("limit_plus", 1), ("shield", None), ("J0", None)):
+        requirement = "MN4-JOG-07" if name == "J0" else "MN4-JOG-08"
         motion.driver.command("J1")
         hold(motion, "jog_plus")
-        session.rig.work(name, True, number=number)
+        if name == "J0":
+            motion.driver.draws(name, DONE, requirement)
+        else:
+            session.rig.work(name, True, number=number)
         motion.target.wait(0.2)
-        motion.stays("MN4-JOG-08")
+        before = motion.stays(requirement)
         session.rig.work("jog_plus", False, number=1)
-        session.rig.work(name, False, number=number)
-        motion.driver.command("J0")
+        if name != "J0":
+            hold(motion, "jog_plus")
+            after = motion.read()[0]
+            session.rig.work("jog_plus", False, number=1)
+            session.expect(after == before, requirement, before, after, "held again")
+            session.rig.work(name, False, number=number)
+            motion.driver.command("J0")
         motion.ready(f"Y{JOG_SPEED}", "G1000,1000,1000,1000,1000", profile=PROFILE)

@@ -191,6 +191,13 @@ def a_limit_meets_an_arc_where_it_turns_round(session: Session) -> None:
     motion.do(f"A{-RADIUS},0,{-RADIUS},{RADIUS},1", "MN4-LIM-02")
     _judge_turn(motion, 1, 1, -2 * RADIUS)
     session.rig.work("limit_plus", False, number=1)
+    if "pulses" in session.rig.capabilities:
+        motion.ready("|", "V-1")
+        session.rig.work("limit_plus", True, number=3)
+        motion.do(f"A{-RADIUS},0,{-2 * RADIUS},0,1", "MN4-LIM-02")
+        session.rig.work("pulses", 4 * RADIUS)  # more than the arc has ticks
+        _judge_turn(motion, 3, 1, -RADIUS)
+        session.rig.work("limit_plus", False, number=3)
     if session.rig.is_exact:
         _judge_last_moment(motion)
 

@@ -212,7 +212,7 @@ def threading_waits_and_bounds_its_steps(session: Session) -> None:
 @check("MN4-SYN-01", "MN4-CMD-V-02", "MN4-CMD-A-05", safety=RIG_MOTION, needs=("rig:pulses",))
 def at_a_negative_speed_pulses_pace_every_move(session: Session) -> None:
     """One pulse is one step of the axis that goes farthest; an arc takes as many as it has ticks
-    and ends exactly; without pulses nothing moves."""
+    and ends exactly, with a limit on that it does not meet too; without pulses nothing moves."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(400, "these moves")
@@ -227,15 +227,25 @@ def at_a_negative_speed_pulses_pace_every_move(session: Session) -> None:
         session.expect(inside(counters, place), "MN4-SYN-01", told(place), counters, f"at {done}")
     after = fed(motion, 10)
     session.expect(after == BY, "MN4-SYN-01", BY, after, "pulses beyond the end")
+    _judge_paced_arc(motion)
+    if "limit_plus" in session.rig.capabilities:
+        session.rig.work("limit_plus", True, number=2)
+        _judge_paced_arc(motion, ", with the + limit of axis 2 on, which stands")
+        session.rig.work("limit_plus", False, number=2)
+
+
+def _judge_paced_arc(motion: BoardMotion, when: str = "") -> None:
+    """Judge that half a circle of 283 ticks goes on with its pulses alone."""
+    session = motion.session
     motion.ready("V-1")
-    driver.draws("A-100,0,-200,0,1", DONE, "MN4-CMD-A-05")
+    motion.driver.draws("A-100,0,-200,0,1", DONE, "MN4-CMD-A-05")
     motion.stays("MN4-CMD-A-05")
-    under_way = fed(motion, 100)
+    under_way = fed(motion, 150)
     is_on = 0 > under_way[0] > -200
-    session.expect(is_on, "MN4-CMD-A-05", "half-way after 100 pulses", under_way)
-    after = fed(motion, 300)
-    wanted = (-200, 0, 0, 0)
-    session.expect(after == wanted, "MN4-CMD-A-05", wanted, after, "after 400 pulses")
+    told_way = f"half-way after 150 pulses{when}"
+    session.expect(is_on, "MN4-CMD-A-05", told_way, under_way)
+    after, wanted = fed(motion, 250), (-200, 0, 0, 0)
+    session.expect(after == wanted, "MN4-CMD-A-05", wanted, after, f"after 400 pulses{when}")
 
 
 @check("MN4-CMD-V-02", safety=RIG_MOTION, needs=("rig:pulses",))

@@ -11,7 +11,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400.boundaries import edges
 from axistwin_conformance.families.mn400.checks.parameters import judge_text
 from axistwin_conformance.families.mn400.checks.queue import slow_board
-from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 from axistwin_conformance.families.mn400.snapshot import restoring
 
@@ -19,6 +19,7 @@ ORDER = 125
 
 STEPS: Final = 60
 MOVERS: Final = "MA+TCJ"
+LAST_OUTPUT: Final = "C8,1"
 SWITCHES: Final = "H("
 NUMBER: Final = re.compile("[0-9]+")
 # What leaves N and E as they are, at rest behind a Q.
@@ -31,7 +32,8 @@ REFUSALS: Final = ("MN4-ERR-02", "MN4-PAR-02", "MN4-PAR-03", "MN4-PAR-04", "MN4-
 
 @check(*REFUSALS, "MN4-PAR-05", "MN4-CMD-A-03", "MN4-HEL-05", "MN4-CMD-C-03", safety=MOTION)
 def what_moves_is_refused_beyond_its_edges(session: Session) -> None:
-    """Every text of M, A, +, T, C and J that is wrong draws PARA_ERROR; no axis moves."""
+    """Every text of M, A, +, T, C and J that is wrong draws PARA_ERROR; no axis moves.  The last of
+    the outputs there are is served."""
     motion = BoardMotion(BoardDriver(session))
     motion.ready("Y100")
     is_guarded = session.transport.travel_guard is not None
@@ -45,6 +47,7 @@ def what_moves_is_refused_beyond_its_edges(session: Session) -> None:
         session.expect(
             not any(position), "MN4-ERR-02", "counters of 0", position, f"after {letter}"
         )
+    motion.driver.draws(LAST_OUTPUT, DONE, "MN4-CMD-C-03")
 
 
 def _longest(text: str) -> int:

@@ -11,6 +11,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
+from axistwin_conformance.families.mn400.checks.queue import needs_flags
 from axistwin_conformance.families.mn400.driver import DONE, PRESENT, BoardDriver
 from axistwin_conformance.families.mn400.persistence.programs import (
     PROFILE,
@@ -39,6 +40,7 @@ LATE_S: Final = 0.2  # what a board may take for a line of a program
 AT_REST: Final = (0, 0, 0, 0)
 BAD_LINE: Final = "M5,6x"
 LAST_LINE: Final = f"M,{STEPS}"
+LOAD: Final = "L7,7,7,7"
 
 
 # --- what is entered ------------------------------------------------------------------------------
@@ -346,3 +348,45 @@ def the_start_switch_runs_the_program(session: Session) -> None:
     driver.target.wait(MOVE_S)
     position = driver.position()
     session.expect(position == AT_REST, "MN4-NVM-12", AT_REST, position, "at the end")
+
+
+@check("MN4-SHD-01", "MN4-LIM-03", safety=(*RUNNING, "rig"), needs=("rig:shield", "rig:limit_plus"))
+@restoring("IVFL")
+def what_ends_a_move_of_a_program_ends_that_too(session: Session) -> None:
+    """An open shield without feed hold and a limit, which comes on under way or is on before: no
+    line behind the move is carried out."""
+    driver = BoardDriver(session)
+    needs_flags(session)
+    if driver.reading("program_replies") == "true":
+        session.skip("the replies of a running program fall into the reading of positions")
+    is_halted_whole = driver.reading("limit_halts") == "all" and "limit_halts" in session.readings
+    for text in (";0", "L0,0,0,0", PROFILE):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), "V2", f"M{STEPS}", LOAD))
+    for name, number, requirement, is_on_before in (
+        ("shield", None, "MN4-SHD-01", False),
+        ("limit_plus", 1, "MN4-LIM-03", False),
+        ("limit_plus", 1, "MN4-LIM-03", True),
+    ):
+        if number and not is_halted_whole:
+            session.not_run(
+                requirement, "a limit of this board may halt its axis alone (MN4-AMB-47)"
+            )
+            return
+        if is_on_before:
+            session.rig.work(name, True, number=number)
+        driver.command("|")
+        begun_ns = driver.command("U").asked_ns
+        driver.target.wait(MOVE_S)
+        if not is_on_before:
+            _, done_ns = session.rig.work(name, True, number=number)
+            if done_ns - begun_ns > STEPS / 2 * 1e9 - 1e9:
+                session.skip("the move was over before the rig had ended it")
+        driver.target.wait(STEPS / 2)
+        session.rig.work(name, False, number=number)
+        position = driver.position()
+        is_right = position[1:] == AT_REST[1:]
+        told = f"0 of axes 2 to 4: {LOAD} behind that move not carried out"
+        noun = name.replace("_", " ")
+        when = f"behind a move that the {noun} has ended"
+        session.expect(is_right, requirement, told, position, when)

@@ -11,12 +11,14 @@ START_S: Final = 10.0  # within which a board serves
 POLL_S: Final = 0.2
 
 
-def switch_on(driver: BoardDriver) -> None:
-    """Switch the supply off and, after a while, on; what the board then says is not read yet."""
+def switch_on(driver: BoardDriver) -> int:
+    """Switch the supply off and, after a while, on; what the board then says is not read yet.
+    Before when it was off (ns)."""
     driver.session.rig.work("power", False)
     driver.target.wait(OFF_S)
     driver.target.drain()
-    driver.session.rig.work("power", True)
+    before_ns, _ = driver.session.rig.work("power", True)
+    return before_ns
 
 
 def power_cycle(driver: BoardDriver) -> None:
