@@ -20,6 +20,7 @@ TELLING_FLAGS: Final = (0, 1, 2, 6, 7, 8, 15, 17, 19, 21, 44, 127, 128, 248, 254
 LOOKS: Final = 3  # at a flag that may move
 NO_RFLAGS: Final = "this model has no RFLAGS (MSC-MOD-02)"
 PATTERNS: Final = 4
+BLOCK: Final = 0x1234
 
 
 @check("MSC-RFLAG-01", "MSC-RFLAG-02", "MSC-FLG-01")
@@ -105,6 +106,12 @@ def a_flag_is_on_from_sflag_to_cflag(session: Session) -> None:
             wrong = [other for other in others if driver.flag(other) != before[other]]
             text = f"no other flag than {number} changed"
             session.expect(not wrong, f"MSC-{verb}-02", text, f"flags {wrong} changed")
+        for on, verb in ((False, "CFLAG"), (True, "SFLAG"), (False, "CFLAG")):
+            # No block number marks a repeat.
+            exchange = driver.ask(codec.sflag(number) if on else codec.cflag(number), BLOCK)
+            session.expect(exchange.is_acked, f"MSC-{verb}-01", f"ACK to {verb} {number}", exchange)
+        seen = driver.flag(number)
+        session.expect(not seen, "MSC-CFLAG-02", f"flag {number} off, as told last", "on")
 
 
 @check(
@@ -132,9 +139,13 @@ def flag_f_is_bit_f_mod_8_of_byte_f_div_8(session: Session) -> None:
         driver.clear_flag(number)
 
 
-@check("MSC-PROP-11", "MSC-RFLAGS-02", "MSC-RFLAGS-03", safety="stored", needs=("flags",))
+@check(
+    "MSC-PROP-11", "MSC-PROP-13", "MSC-RFLAGS-02", "MSC-RFLAGS-03", safety="stored",
+    needs=("flags",),
+)  # fmt: skip
 def patterns_of_flags_read_alike_both_ways(session: Session) -> None:
-    """Patterns of user flags drawn at random come back by RFLAGS and by RFLAG."""
+    """Patterns of user flags drawn at random come back by RFLAGS and by RFLAG, also when everything
+    has been read since."""
     driver = MscDriver(session)
     if not driver.has_rflags:
         session.skip(NO_RFLAGS)
@@ -147,4 +158,8 @@ def patterns_of_flags_read_alike_both_ways(session: Session) -> None:
         seen = driver.flags_at_once() & set(free)
         text = f"on: {sorted(pattern)}"
         session.expect(seen == pattern, ("MSC-RFLAGS-02", *names), text, sorted(seen))
+        for body in driver.reads():
+            driver.query(body)
+        again = driver.flags_at_once() & set(free)
+        session.expect(again == pattern, "MSC-PROP-13", f"{text} after reads", sorted(again))
         judge_agreement(driver, session.random.sample(free, min(16, len(free))), names)
