@@ -43,7 +43,8 @@ def judge_all_repeats(driver: MscDriver, names: Names, when: str, before: bytes 
         if again is None:
             break
         is_same = driver.link.is_same(again, first)
-        driver.session.expect(is_same, names, f"{first.raw.hex(' ')} again", again.raw.hex(" "))
+        text = f"{first.raw.hex(' ')} again"
+        driver.session.expect(is_same, "MSC-LNK-10", text, again.raw.hex(" "))
         repeats += 1
     if repeats > driver.link.limit:
         driver.target.send(ACK)
@@ -56,7 +57,7 @@ def judge_all_repeats(driver: MscDriver, names: Names, when: str, before: bytes 
     driver.session.expect(repeats == driver.link.limit, names, text, seen)
 
 
-@check("MSC-LNK-09", "MSC-LNK-13", "MSC-LNK-15")
+@check("MSC-LNK-09", "MSC-LNK-10", "MSC-LNK-13", "MSC-LNK-15")
 def whatever_went_before_a_reply_has_all_its_repeats(session: Session) -> None:
     """A reply is repeated to as many NAKs as any, right after another one was given up, after a
     packet was refused, after NAKs that nobody had waited for, and with other bytes before each NAK.
