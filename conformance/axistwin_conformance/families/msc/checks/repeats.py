@@ -19,7 +19,8 @@ ORDER = 25  # of this module in a run; see `Family.modules`
 
 STRAYS: Final = (NAK, NAK + NAK, ACK + NAK + ACK)
 ODD_BYTES: Final = b"\x00\xffA"  # neither signs nor 02h
-MIDDLE: Final = 0.6  # of T2
+MIDDLE, LATE = 0.6, 0.99  # of the time in which a sign surely comes within T2
+REAL_LATE: Final = 0.85  # a busy host is late itself
 MARGIN_BYTES: Final = 3  # before the end of T2 a sign surely comes in time
 
 
@@ -91,63 +92,71 @@ def a_sign_counts_whenever_it_comes(session: Session) -> None:
     driver = MscDriver(session)
     if not is_surely(session, "ack_timeout_action", "retransmit"):
         session.skip("nothing tells how long this device waits for a sign")
-    limit_s = driver.client.ack_timeout_s
-    latest_s = limit_s - _margin_s(driver) - _slack_s(driver)
-    if latest_s <= 0:
-        session.skip(f"an exchange takes too long here to come before {limit_s * 1000:.0f} ms")
-    for at_s in (min(MIDDLE * limit_s, latest_s), latest_s):
-        text = f"{at_s * 1000:.0f} ms after a reply"
-        driver.link.unanswered()
-        _send_late(driver, ACK, at_s)
-        left_s = limit_s - at_s + driver.link.glance_s + 2 * driver.link.spare_ns / 1e9
+    ack_timeout_s = driver.client.ack_timeout_s
+    if _limit_s(driver) <= driver.link.latency_ns / 1e9:
+        session.skip(f"an exchange takes too long here to come before {ack_timeout_s * 1000:.0f}")
+    for part in (MIDDLE, LATE if session.target.is_virtual else REAL_LATE):
+        first, over_ns = _unanswered(driver)
+        at_ns = _send_at(driver, ACK, part, over_ns)
+        text = f"{(at_ns - over_ns) / MS:.0f} ms after a reply"
         names = ("MSC-LNK-11", "MSC-LNK-08")
+        # A repeat at T2 begins within that.
+        left_s = ack_timeout_s - (at_ns - over_ns) / 1e9 + driver.link.latency_ns / 1e9
+        left_s += driver.link.glance_s + 2 * driver.link.spare_ns / 1e9
         driver.link.nothing_more(names, f"an ACK {text}", left_s)
-        _judge_late_nak(driver, at_s, text)
+        first, over_ns = _unanswered(driver)
+        at_ns = _send_at(driver, NAK, part, over_ns)
+        _judge_late_nak(driver, first, over_ns, at_ns)
     driver.link.alive("MSC-LNK-11")
 
 
 def _rounding_ns(driver: MscDriver) -> int:
-    return ROUNDING_NS if driver.target.is_virtual else COARSE_NS
+    return 2 * (ROUNDING_NS if driver.target.is_virtual else COARSE_NS)
 
 
-def _margin_s(driver: MscDriver) -> float:
-    """How long before the end of T2 a sign has to be sent to come in time, for certain."""
-    ways_ns = 2 * driver.link.spare_ns + _rounding_ns(driver)
-    return (MARGIN_BYTES * driver.link.byte_ns + ways_ns) / 1e9
+def _limit_s(driver: MscDriver) -> float:
+    """How long after the end of a reply a sign has to be sent to come within T2, for certain."""
+    ways_ns = driver.link.spare_ns + _rounding_ns(driver)
+    return driver.client.ack_timeout_s - (MARGIN_BYTES * driver.link.byte_ns + ways_ns) / 1e9
 
 
-def _slack_s(driver: MscDriver) -> float:
-    """How much later than it is meant to a host may send."""
-    return (2 * driver.link.byte_ns + _rounding_ns(driver)) / 1e9
+def _unanswered(driver: MscDriver) -> tuple[Packet, int]:
+    """Ask and keep our answer back; the reply, and when it can have been over (ns) at the earliest:
+    if it has come late, nobody knows whether it was sent late."""
+    exchange = driver.ask(RQSTAT, answer=None)
+    is_good = exchange.is_acked and exchange.reply is not None and exchange.reply.is_sound
+    driver.session.step(is_good, "ACK and a reply", exchange.observed)
+    assert exchange.reply is not None
+    count = len(exchange.request) + len(exchange.raw)
+    return exchange.reply, exchange.asked_ns + count * driver.link.byte_ns
 
 
-def _send_late(driver: MscDriver, sign: bytes, at_s: float) -> int:
-    """Send a sign so long after the reply that is just over; the end of that (ns)."""
-    over_ns = driver.target.now_ns
-    driver.target.wait(at_s)
+def _send_at(driver: MscDriver, sign: bytes, part: float, over_ns: int) -> int:
+    """Send a sign when that part of the time for it is over; when (ns)."""
+    limit_s = _limit_s(driver)
+    left_ns = over_ns + round(part * limit_s * 1e9) - driver.target.now_ns
+    driver.target.wait(max(0, left_ns) / 1e9)
     driver.target.send(sign)
-    driver.in_time(over_ns, driver.client.ack_timeout_s - _margin_s(driver), "T2 less a margin")
-    return over_ns
+    driver.in_time(over_ns, limit_s, "T2, less a margin,")
+    return driver.target.now_ns
 
 
-def _judge_late_nak(driver: MscDriver, at_s: float, text: str) -> None:
-    """Judge that a NAK so long after a reply draws it again, and does so before T2, if that is told
-    apart; and that the repeat is all that comes."""
+def _judge_late_nak(driver: MscDriver, first: Packet, over_ns: int, at_ns: int) -> None:
+    """Judge that a NAK then draws a reply again, and does so before T2, if that is told apart; and
+    that the repeat is all that comes."""
     session, link = driver.session, driver.link
-    first = link.unanswered()
-    over_ns = _send_late(driver, NAK, at_s)
-    sent_ns, due_ns = driver.target.now_ns, over_ns + round(driver.client.ack_timeout_s * 1e9)
+    due_ns = over_ns + round(driver.client.ack_timeout_s * 1e9)
     again, strays = driver.client.receive_packet()
     begun_ns = driver.target.now_ns - len(again.raw if again else b"") * link.byte_ns
     driver.target.send(ACK)
-    names = ("MSC-LNK-10", "MSC-LNK-08")
+    names, text = ("MSC-LNK-10", "MSC-LNK-08"), f"a NAK {(at_ns - over_ns) / MS:.0f} ms after it"
     is_same = again is not None and not strays and link.is_same(again, first)
     seen: Packet | str = again or codec.explain(strays) or "nothing"
-    session.expect(is_same, names, f"the reply again to a NAK {text}", seen)
+    session.expect(is_same, names, f"the reply again to {text}", seen)
     needed_ns = int(session.reading("reply_delay_ms")) * MS + link.latency_ns + 4 * link.byte_ns
     blurred_ns = link.spare_ns + _rounding_ns(driver)
-    if 2 * (needed_ns + blurred_ns) < due_ns - sent_ns:
+    if 2 * (needed_ns + blurred_ns) < due_ns - at_ns:
         came = f"{(begun_ns - over_ns) / MS:.1f} ms after it"
         is_drawn = begun_ns + blurred_ns < due_ns
-        session.expect(is_drawn, names, f"the reply again at once to a NAK {text}", came)
-    link.nothing_more(names, f"ACK to the repeat that a NAK {text} has drawn")
+        session.expect(is_drawn, names, f"the reply again at once to {text}", came)
+    link.nothing_more(names, f"ACK to the repeat that {text} has drawn")
