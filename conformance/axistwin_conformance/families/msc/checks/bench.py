@@ -32,6 +32,7 @@ BENCH: Final = ("bench",)
 LAST_PLACE: Final = 0xFFFC
 ADDRESSES: Final = 0x10000
 HALF: Final = BLOCK_VALUES // 2
+COMMA_ADDRESSES: Final = (0x042C, 0x2C00, 0x2C04, 0x2C2C)
 REAL_STEP: Final = 32
 LOADED_BYTES: Final = (0x02, 0x06, 0x0A, 0x0D, 0x11, 0x13, 0x15, 0x1A, 0x2C, 0x7F, 0xFF)
 
@@ -199,10 +200,10 @@ def a_write_of_another_size_stores_nothing(session: Session) -> None:
 # --- places ---------------------------------------------------------------------------------------
 
 
-@check("MSC-DREAD-01", "MSC-PKT-15", safety="rig", needs=BENCH)
+@check("MSC-DREAD-01", "MSC-PKT-15", "MSC-CMD-08", safety="rig", needs=BENCH)
 def every_byte_may_stand_in_an_address(session: Session) -> None:
     """DREAD of addresses with each byte in front, and with each behind that a variable may have, is
-    served up to where the data area ends."""
+    served up to where the data area ends; so is BREAD with commas there."""
     driver = MscDriver(session)
 
     def served(addresses: Iterable[int]) -> list[int]:
@@ -217,12 +218,19 @@ def every_byte_may_stand_in_an_address(session: Session) -> None:
     if not found:
         session.skip("this device serves none of them now")
     page = found[len(found) // 2] & 0xFF00
-    last = max(served(range(page, page + 0x100, SAFE_STRIDE * min(step, 8))))
-    names = ("MSC-DREAD-01", "MSC-PKT-15")
+    behind = {*range(page, page + 0x100, SAFE_STRIDE * min(step, 8)), *COMMA_ADDRESSES}
+    last = max(served(sorted(behind)))
     for address, kind in kinds.items():
         is_so = kind == SERVED or (kind == NAKED and address > last)
         text = f"the value at {address:04X}h, as at {last:04X}h"
+        has_comma = codec.COMMA in codec.u16(address)
+        names = ("MSC-CMD-08",) if has_comma else ("MSC-DREAD-01", "MSC-PKT-15")
         session.expect(is_so, names, text, kind)
+    for address in COMMA_ADDRESSES:
+        if address + BLOCK_VALUES * codec.VALUE_BYTES <= last:
+            kind, _ = driver.draws(driver.client.request(codec.bread(address)))
+            text = f"the values from {address:04X}h on"
+            session.expect(kind == SERVED, "MSC-CMD-08", text, kind)
 
 
 @check("MSC-DREAD-01", safety=("stored", "rig"), needs=("bench", "variables"))

@@ -8,7 +8,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import NAK, RQSTAT
-from axistwin_conformance.families.msc.driver import NAKED, SERVED, MscDriver
+from axistwin_conformance.families.msc.driver import MscDriver
 
 ORDER = 60  # of this module in a run; see `Family.modules`
 
@@ -16,8 +16,6 @@ EXAMPLE: Final = bytes.fromhex("02 01 00 0D 00 00 44 57 52 49 54 45 2C 07 D8 00 
 EXAMPLE_ADDRESS, EXAMPLE_VALUE = 2008, 1234
 COMMA: Final = 0x2C
 COMMA_FLAG: Final = COMMA  # 00 2C in a request
-COMMA_ADDRESSES: Final = (0x2C2C, 0x2C04, 0x2C00, 0x042C)
-PAGE: Final = 0x100
 ALL_COMMAS: Final = int.from_bytes(codec.COMMA * 4, "big")
 
 
@@ -191,18 +189,9 @@ def names_are_compared_whole(session: Session) -> None:
 
 @check("MSC-CMD-08")
 def a_flag_number_may_hold_a_comma(session: Session) -> None:
-    """RFLAG of flag 44, spelled 00 2C, is served as any other, and so are DREAD and BREAD of
-    addresses with a byte 2Ch in front or behind, unless the data area ends before them."""
+    """RFLAG of flag 44, spelled 00 2C, is served as any other."""
     driver = MscDriver(session)
     driver.served(codec.rflag(COMMA_FLAG), None, f"the state of flag {COMMA_FLAG}")
-    for command in (codec.dread, codec.bread):
-        for address in COMMA_ADDRESSES:
-            kind, exchange = driver.draws(driver.client.request(command(address)))
-            further = driver.client.request(command(address + PAGE))
-            if kind == NAKED and driver.draws(further)[0] == NAKED:
-                continue
-            text = f"ACK and a reply, as {address + PAGE:04X}h has"
-            session.expect(kind == SERVED, None, text, exchange)
 
 
 @check("MSC-CMD-08", safety="stored", needs=("variables",))
