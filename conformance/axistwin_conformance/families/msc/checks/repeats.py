@@ -21,6 +21,8 @@ STRAYS: Final = (NAK, NAK + NAK, ACK + NAK + ACK)
 ODD_BYTES: Final = b"\x00\xffA"  # neither signs nor 02h
 MIDDLE, LATE = 0.6, 0.99  # of the time in which a sign surely comes within T2
 REAL_LATE: Final = 0.85  # a busy host is late itself
+LEAST: Final = 0.5  # of T2: what the line does not blur
+SPARE: Final = 1.2  # times what an exchange takes
 MARGIN_BYTES: Final = 3  # before the end of T2 a sign surely comes in time
 
 
@@ -93,8 +95,10 @@ def a_sign_counts_whenever_it_comes(session: Session) -> None:
     if not is_surely(session, "ack_timeout_action", "retransmit"):
         session.skip("nothing tells how long this device waits for a sign")
     ack_timeout_s = driver.client.ack_timeout_s
-    if _limit_s(driver) <= driver.link.latency_ns / 1e9:
-        session.skip(f"an exchange takes too long here to come before {ack_timeout_s * 1000:.0f}")
+    late_s = driver.link.latency_ns / 1e9 + int(session.reading("reply_delay_ms")) / 1000
+    if _limit_s(driver) <= max(ack_timeout_s * LEAST, late_s * SPARE):
+        text = f"too long here to be told from the {ack_timeout_s * 1000:.0f} ms of T2"
+        session.skip(f"an exchange takes {text}")
     for part in (MIDDLE, LATE if session.target.is_virtual else REAL_LATE):
         first, over_ns = _unanswered(driver)
         at_ns = _send_at(driver, ACK, part, over_ns)
