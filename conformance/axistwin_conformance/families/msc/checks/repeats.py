@@ -29,8 +29,9 @@ MARGIN_BYTES: Final = 3  # before the end of T2 a sign surely comes in time
 def is_surely(session: Session, switch: str, reading: str) -> bool:
     """True if this device follows that reading, and nothing that was seen admits another one."""
     detection = session.run.detections.get(switch)
-    left = detection.candidates if detection and switch not in session.readings else ()
-    return (left or (session.reading(switch),)) == (reading,)
+    if detection is not None and switch not in session.readings:
+        return detection.candidates == (reading,)
+    return session.reading(switch) == reading
 
 
 def judge_all_repeats(driver: MscDriver, names: Names, when: str, before: bytes = b"") -> None:
