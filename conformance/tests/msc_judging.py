@@ -19,7 +19,7 @@ from axistwin_conformance.transport.rig import TwinRig
 
 LINK_MODULES = tuple(
     f"axistwin_conformance.families.msc.checks.{name}"
-    for name in ("packets", "link", "time", "line", "wire", "random", "golden")
+    for name in ("packets", "link", "repeats", "time", "line", "wire", "random", "golden")
 )
 
 

@@ -229,6 +229,17 @@ def hangs(self: Controller, one: Packet) -> bytes | None:
     return None
 
 
+def begun(self: Controller, one: Packet) -> bytes | None:
+    """A name that begins as another one is served as that."""
+    known = [name for name in codec.READS if one.name.startswith(name)]
+    return getattr(self, max(known, key=len).lower())(one) if known else None
+
+
+def no_comma_ahead(self: Controller, one: Packet) -> bytes | None:
+    """An address that begins with a comma is refused."""
+    return None if one.payload[:1] == b"," else Controller.dread(self, one)
+
+
 def stores_what_fits(self: Controller, one: Packet) -> bytes | None:
     """A write of the wrong size is refused, and carried out."""
     if one.name in ("BWRITE", "DWRITE") and len(one.payload) > 2:
@@ -302,6 +313,8 @@ FAULTS: list[tuple[str, Makes, str]] = [
     (UNKNOWN, twisted(unknown=hangs), "MSC-CMD-10"),
     (NO_COMMA, twisted(unknown=acked), "MSC-CMD-10"),
     (NO_COMMA, twisted(unknown=hangs), "MSC-CMD-02"),
+    ("a_name_is_compared_from_end_to_end", twisted(unknown=begun), "MSC-CMD-07"),
+    ("every_byte_may_stand_in_an_address", twisted(dread=no_comma_ahead), "MSC-CMD-08"),
     (CASE, twisted(unknown=acked), "MSC-CMD-09"),
     (NO_RFLAGS, twisted(unknown=nonsense), "MSC-MOD-02"),
     (SIZE, twisted(unknown=nonsense), "MSC-CMD-11"),

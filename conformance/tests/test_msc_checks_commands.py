@@ -19,6 +19,8 @@ from axistwin_conformance.families.msc.options import NO_SCRATCH, TWIN_SCRATCH, 
 pytestmark = pytest.mark.strength
 
 REPLY_NS = 10_000_000
+BYTES = "every_byte_may_stand_in_every_place_of_a_value"
+BEHIND = "writes_right_behind_one_another_are_each_carried_out"
 MODULES = tuple(
     f"axistwin_conformance.families.msc.checks.{name}"
     for name in ("commands", "data", "flags", "status", "program", "bench", "rig")
@@ -102,6 +104,21 @@ def split_at_every_comma(self: Controller, one: Packet) -> bytes | None:
 def without_commas(self: Controller, one: Packet) -> bytes | None:
     """A value whose commas are lost."""
     return self.put(one.numbers[0], one.payload[2:].replace(b",", b"\x00"))
+
+
+def once_for_each_number(self: Controller, one: Packet) -> bytes | None:
+    """A write with the block number of the packet before taken for its repeat."""
+    before, block = self.notes["block"], int.from_bytes(self.receiver._request[4:6], "big")
+    self.notes["block"] = block
+    is_repeat = block != 0 and block == before and one.name in codec.WRITES
+    return b"" if is_repeat else Controller.serve(self, one)
+
+
+def goes_on(self: Controller, one: Packet) -> bytes | None:
+    """A block behind the one that was written to the same address."""
+    before, self.notes["place"] = self.notes["place"], one.numbers[0]
+    further = len(one.payload) - 2 if before == one.numbers[0] else 0
+    return self.put(one.numbers[0] + further, one.payload[2:])
 
 
 def begins_with(self: Controller, one: Packet) -> bytes | None:
@@ -238,6 +255,9 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
         answers("BREAD", lambda one: b"\1" + one[1:]),
         "MSC-BREAD-04",
     ),
+    (BYTES, twisted(bwrite=without_commas), "MSC-BWRITE-02"),
+    (BEHIND, twisted(serve=once_for_each_number), "MSC-PKT-09"),
+    (BEHIND, twisted(bwrite=goes_on), "MSC-BWRITE-02"),
     ("values_of_a_block_lie_one_stride_apart", apart(12), "MSC-DAT-02"),
     ("values_of_a_block_lie_one_stride_apart", apart(8), "MSC-DAT-02"),
     ("padding_is_stored_as_well", twisted(bwrite=trimmed), "MSC-BWRITE-03"),
@@ -320,7 +340,12 @@ def test_a_refused_read_has_no_reply() -> None:
 
 def test_every_check_of_commands_and_data_has_a_fault_here() -> None:
     """No check of these modules goes without one that it finds."""
-    elsewhere = {"a_checksum_without_the_comma_is_refused", "a_refused_read_is_not_served"}
+    elsewhere = {
+        "a_checksum_without_the_comma_is_refused",
+        "a_refused_read_is_not_served",
+        "a_refused_write_stores_nothing",  # with the link's
+        "a_refused_sflag_turns_nothing_on",
+    }
     covered = {name for name, _, _ in FAULTS} | elsewhere
     names = {one.name for one in CHECKS if one.module.endswith(("commands", "data"))}
     assert names <= covered

@@ -226,6 +226,18 @@ def half_served(self: Controller, one: Packet) -> bytes | None:
     return Controller.serve(self, one)
 
 
+def clears_the_last(self: Controller, one: Packet) -> bytes | None:
+    """RQSTAT turns the user flags from 184 to 191 off."""
+    self.on -= set(range(184, 192))
+    return Controller.rqstat(self, one)
+
+
+def loading(self: Controller, one: Packet) -> bytes | None:
+    """RFLAG and BWRITE are told as a load out of sequence."""
+    self.status |= (one.name in ("RFLAG", "BWRITE")) << 11
+    return Controller.serve(self, one)
+
+
 def half_refused(self: Controller, one: Packet) -> bytes | None:
     """A unit that refuses reads of data, not writes, while a program is loaded."""
     if one.name == "DREAD" and self.status & 1 << 10:
@@ -324,6 +336,9 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
     ("flag_f_is_bit_f_mod_8_of_byte_f_div_8", twisted(turn=next_one), "MSC-SFLAG-02"),
     ("patterns_of_flags_read_alike_both_ways", answers("RFLAGS", mirrored), "MSC-RFLAGS-02"),
     ("patterns_of_flags_read_alike_both_ways", twisted(rflag=of_seven_bits), "MSC-PROP-11"),
+    ("nothing_that_was_sent_is_a_load", twisted(serve=loading), "MSC-STA-02"),
+    ("what_it_carries_out_is_no_error", twisted(serve=loading), "MSC-STA-02"),
+    ("reads_change_no_flag", twisted(rqstat=clears_the_last), "MSC-PROP-13"),
     (STATUS, twisted(rqstat=status_of(7)), "MSC-RQSTAT-01"),
     (STATUS, twisted(rqstat=status_of(2)), "MSC-RQSTAT-01"),
     (STATUS, twisted(rqstat=now_and_then), "MSC-RQSTAT-01"),

@@ -5,9 +5,22 @@ What a mutant is, and how one is judged, is the same as for the MAC modules: see
 
 from zoo.mutant import Mutant
 
-from zoo_msc import commands, contents, data, flags, forms, host_repeats, line, link, packets
+from zoo_msc import (
+    commands,
+    contents,
+    data,
+    flags,
+    forms,
+    host_repeats,
+    leftovers,
+    line,
+    link,
+    packets,
+)
 
-FAMILIES = (line, packets, link, host_repeats, commands, data, flags, forms, contents)
+FAMILIES = (
+    line, packets, link, host_repeats, commands, data, flags, forms, contents, leftovers,
+)  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(
     one for family in FAMILIES for one in vars(family).values() if isinstance(one, Mutant)

@@ -10,7 +10,7 @@ Rules.
 2. What a device would take for a packet, its sum being right, is one of the nine commands, of its
    right size, at an even address, with a flag below 256: commands that nobody has documented load
    and start macroprograms on the same port.  Anything else needs a check of class rig; and even
-   there, on a real controller, the one name that no maker can have given.
+   there, on a real controller, only names that no maker can have given.
 3. In checks of class rig a twin may be sent anything.
 """
 
@@ -179,8 +179,11 @@ def _strange(packet: codec.Packet, *, has_rflags: bool) -> str:
 
 def _is_known_to_be_strange(packet: codec.Packet) -> bool:
     """True for what a real controller may be sent on a bench: a read that is wrong in its size,
-    its spelling or its number, and the one name no command can have."""
-    name = packet.name.upper()
+    its spelling or its number, and names no command can have: the one that is all Z, and those of
+    reads with Zs or blanks around them."""
+    name = packet.name.strip(" Z").upper()
     return (
-        name in codec.READS or name in ("", codec.IMPOSSIBLE_NAME) or packet.length > codec.MAX_BODY
+        name in codec.READS
+        or (packet.name.upper() in ("", codec.IMPOSSIBLE_NAME))
+        or packet.length > codec.MAX_BODY
     )

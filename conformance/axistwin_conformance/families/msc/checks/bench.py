@@ -7,7 +7,7 @@ of these kinds are sent to a twin only, whose places outside the named ones are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
@@ -24,7 +24,7 @@ from axistwin_conformance.families.msc.driver import (
     MscDriver,
     Readings,
 )
-from axistwin_conformance.families.msc.scratch import first_outside
+from axistwin_conformance.families.msc.scratch import SAFE_STRIDE, first_outside
 
 ORDER = 150  # of this module in a run; see `Family.modules`
 
@@ -32,6 +32,9 @@ BENCH: Final = ("bench",)
 LAST_PLACE: Final = 0xFFFC
 ADDRESSES: Final = 0x10000
 HALF: Final = BLOCK_VALUES // 2
+COMMA_ADDRESSES: Final = (0x042C, 0x2C00, 0x2C04, 0x2C2C)
+REAL_STEP: Final = 32
+LOADED_BYTES: Final = (0x02, 0x06, 0x0A, 0x0D, 0x11, 0x13, 0x15, 0x1A, 0x2C, 0x7F, 0xFF)
 
 
 # --- names ----------------------------------------------------------------------------------------
@@ -46,6 +49,23 @@ def a_name_nobody_knows_is_refused(session: Session) -> None:
         raw = driver.client.request(codec.body(codec.IMPOSSIBLE_NAME, *fields))
         driver.follows(raw, "unknown_command", AS_UNKNOWN, "MSC-CMD-10")
         driver.link.alive("MSC-CMD-10")
+
+
+@check("MSC-CMD-07", "MSC-CMD-10", safety="rig", needs=BENCH)
+def a_name_is_compared_from_end_to_end(session: Session) -> None:
+    """The name of a reading command with a blank or a Z before or behind it is as unknown as any
+    other: such as no maker has given."""
+    driver = MscDriver(session)
+    if session.reading("comma") != "required":
+        session.skip("without a comma a name ends where this device takes it to end")
+    names = {codec.name_of(body): body.partition(codec.COMMA)[2] for body in driver.reads()}
+    for name, values in names.items():
+        ahead = (f" {name}", f"Z{name}") if name == "RQSTAT" else ()
+        for spelling in (f"{name}Z", f"{name} ", *ahead):
+            raw = driver.client.request(codec.body(spelling, values))
+            both = ("MSC-CMD-07", "MSC-CMD-10")
+            driver.follows(raw, "unknown_command", AS_UNKNOWN, both)
+    driver.link.alive("MSC-CMD-07")
 
 
 def _as_unknown_or(driver: MscDriver, kind: str, switch: str) -> Readings:
@@ -178,6 +198,39 @@ def a_write_of_another_size_stores_nothing(session: Session) -> None:
 
 
 # --- places ---------------------------------------------------------------------------------------
+
+
+@check("MSC-DREAD-01", "MSC-PKT-15", "MSC-CMD-08", safety="rig", needs=BENCH)
+def every_byte_may_stand_in_an_address(session: Session) -> None:
+    """DREAD of addresses with each byte in front, and with each behind that a variable may have, is
+    served up to where the data area ends; so is BREAD with commas there."""
+    driver = MscDriver(session)
+
+    def served(addresses: Iterable[int]) -> list[int]:
+        for address in addresses:
+            kinds[address], _ = driver.draws(driver.client.request(codec.dread(address)))
+        return [address for address, kind in kinds.items() if kind == SERVED]
+
+    kinds: dict[int, str] = {}
+    step = 1 if session.target.is_virtual else REAL_STEP
+    ahead = sorted({*range(0, 0x100, step), *LOADED_BYTES})
+    found = served((byte << 8) + SAFE_STRIDE for byte in ahead)
+    if not found:
+        session.skip("this device serves none of them now")
+    page = found[len(found) // 2] & 0xFF00
+    behind = {*range(page, page + 0x100, SAFE_STRIDE * min(step, 8)), *COMMA_ADDRESSES}
+    last = max(served(sorted(behind)))
+    for address, kind in kinds.items():
+        is_so = kind == SERVED or (kind == NAKED and address > last)
+        text = f"the value at {address:04X}h, as at {last:04X}h"
+        has_comma = codec.COMMA in codec.u16(address)
+        names = ("MSC-CMD-08",) if has_comma else ("MSC-DREAD-01", "MSC-PKT-15")
+        session.expect(is_so, names, text, kind)
+    for address in COMMA_ADDRESSES:
+        if address + BLOCK_VALUES * codec.VALUE_BYTES <= last:
+            kind, _ = driver.draws(driver.client.request(codec.bread(address)))
+            text = f"the values from {address:04X}h on"
+            session.expect(kind == SERVED, "MSC-CMD-08", text, kind)
 
 
 @check("MSC-DREAD-01", safety=("stored", "rig"), needs=("bench", "variables"))

@@ -119,6 +119,41 @@ def a_refused_read_is_not_served(session: Session) -> None:
         driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
 
 
+@check("MSC-LNK-06", safety=("stored", "negative"), needs=("variables",))
+def a_refused_write_stores_nothing(session: Session) -> None:
+    """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were."""
+    driver = MscDriver(session)
+    spot = driver.scratch.block_spot()
+    before = list(range(100, 132))
+    driver.write_block(spot, before)
+    for body in (codec.dwrite(spot, -7), codec.bwrite(spot, [-7] * 32)):
+        whole = driver.client.request(body)
+        for offset in (1, 0x100, 0xFFFF):
+            raw = codec.with_wrong_checksum(whole, offset)
+            driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
+        for missing in (1, codec.CHECKSUM_BYTES):
+            driver.link.break_off(whole[:-missing])  # what it draws is LNK-03
+        session.expect(
+            driver.read(spot) == 100 and list(driver.read_block(spot)) == before,
+            None,
+            "the variables as before",
+            "a value of the refused packet",
+        )
+
+
+@check("MSC-LNK-06", safety=("stored", "negative"), needs=("flags",))
+def a_refused_sflag_turns_nothing_on(session: Session) -> None:
+    """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was."""
+    driver = MscDriver(session)
+    number = driver.scratch.flags[0]
+    before = driver.flag(number)
+    for body in (codec.sflag(number), codec.cflag(number)):
+        raw = codec.with_wrong_checksum(driver.client.request(body))
+        driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
+        after = driver.flag(number)
+        session.expect(after is before, None, f"flag {number} as before", "on" if after else "off")
+
+
 @check("MSC-CMD-03", "MSC-DWRITE-01", safety="stored", needs=("variables",))
 def the_worked_example_writes_1234(session: Session) -> None:
     """The manual's 21 bytes, length 13 and checksum with the comma, are ACKed and store 1234; at

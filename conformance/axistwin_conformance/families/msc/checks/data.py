@@ -111,18 +111,28 @@ def reading_changes_nothing(session: Session) -> None:
 @check("MSC-DREAD-04", "MSC-BREAD-04", safety="stored", needs=("variables",))
 def what_was_written_outlasts_its_reads(session: Session) -> None:
     """Blocks that were written, no value of them 0, are told alike by every look at them, value by
-    value and block by block."""
+    value and block by block, also after every read was asked for and its reply refused once."""
     driver = MscDriver(session)
     blocks = driver.scratch.some_blocks(3)
     for address in blocks:
         driver.write_block(address, driver.values(BLOCK_VALUES))
     first: dict[int, tuple[list[int], tuple[int, ...]]] = {}
-    for address in (*blocks, *blocks):
+    for number, address in enumerate((*blocks, *blocks, blocks[0])):
+        if number == 2 * len(blocks):
+            _refuse_once(driver, address)
         singles = [driver.read(place) for _, place in driver.scratch.within_block(address)]
         look = singles, driver.read_block(address)
         names = ("MSC-DREAD-04", "MSC-BREAD-04")
         text = f"what the first look at {address} told"
         session.expect(first.setdefault(address, look) == look, names, text, "something else")
+
+
+def _refuse_once(driver: MscDriver, address: int) -> None:
+    """Ask each of the reading commands, and refuse its reply once."""
+    for body in dict.fromkeys((*driver.reads(), codec.bread(address), codec.dread(address))):
+        driver.link.unanswered(body)
+        driver.link.refuse_in("MSC-DREAD-04")
+        driver.client.send(codec.ACK)
 
 
 @check("MSC-DREAD-01", "MSC-BREAD-01", needs=("variables",))
@@ -206,6 +216,49 @@ def _judge_singles(driver: MscDriver, address: int, block: Sequence[int]) -> Non
         names = ("MSC-BREAD-03", "MSC-PROP-12", *(("MSC-BREAD-04",) if number == 0 else ()))
         text = f"{block[number]} at {place}, value {number + 1} of the block"
         driver.session.expect(seen == block[number], names, text, seen)
+
+
+@check("MSC-BWRITE-02", "MSC-BREAD-03", safety="stored", needs=("variables",))
+def every_byte_may_stand_in_every_place_of_a_value(session: Session) -> None:
+    """Each of the 256 bytes comes back by BREAD from each of the four places of a value."""
+    driver = MscDriver(session)
+    (address,) = driver.scratch.blocks(1)
+    for first in range(0, 0x100, BLOCK_VALUES):
+        places = range(first, first + BLOCK_VALUES)
+        rows = [bytes(byte + step & 0xFF for step in range(0, 0x100, 0x40)) for byte in places]
+        values = [int.from_bytes(row, "big", signed=True) for row in rows]
+        driver.write_block(address, values)
+        seen, text = driver.read_block(address), codec.listed(values)
+        names = ("MSC-BWRITE-02", "MSC-BREAD-03")
+        session.expect(list(seen) == values, names, text, codec.listed(seen))
+
+
+@check("MSC-PKT-09", "MSC-DWRITE-02", "MSC-BWRITE-02", safety="stored", needs=("variables",))
+def writes_right_behind_one_another_are_each_carried_out(session: Session) -> None:
+    """Of several DWRITEs, or BWRITEs, to one place the last one counts, under whatever block number
+    and though it equals an earlier one; nothing behind the place changes."""
+    driver = MscDriver(session)
+    address = driver.scratch.blocks(1)[0]
+    behind = address + BLOCK_VALUES * driver.scratch.stride
+    has_more = driver.scratch.may_write(behind)
+    if has_more:
+        driver.write(behind, 7)
+    for block in (0, 1, 5, 0xFFFF):
+        own = ("MSC-PKT-09",) if block else ()
+        once, other = driver.values(BLOCK_VALUES), driver.values(BLOCK_VALUES)
+        for values in (other, once, other, once):
+            exchange = driver.ask(codec.bwrite(address, values), block)
+            session.expect(exchange.is_acked, "MSC-PKT-09", f"ACK to block {block:04X}h", exchange)
+        seen, text = driver.read_block(address), f"{codec.listed(once)}, written last"
+        session.expect(list(seen) == once, own or "MSC-BWRITE-02", text, codec.listed(seen))
+        for value in (-2, 1, -2, 1):
+            exchange = driver.ask(codec.dwrite(address, value), block)
+            session.expect(exchange.is_acked, "MSC-PKT-09", f"ACK to block {block:04X}h", exchange)
+        value = driver.read(address)
+        session.expect(value == 1, own or "MSC-DWRITE-02", f"1 at {address}, written last", value)
+    if has_more:
+        value = driver.read(behind)
+        session.expect(value == 7, "MSC-BWRITE-02", f"7 at {behind}, behind the block", value)
 
 
 @check("MSC-BREAD-03", "MSC-BREAD-04", "MSC-PROP-12", needs=("variables",))

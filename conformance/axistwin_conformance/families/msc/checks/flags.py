@@ -20,6 +20,8 @@ TELLING_FLAGS: Final = (0, 1, 2, 6, 7, 8, 15, 17, 19, 21, 44, 127, 128, 248, 254
 LOOKS: Final = 3  # at a flag that may move
 NO_RFLAGS: Final = "this model has no RFLAGS (MSC-MOD-02)"
 PATTERNS: Final = 4
+EVERY: Final = 4
+BLOCK: Final = 0x1234
 
 
 @check("MSC-RFLAG-01", "MSC-RFLAG-02", "MSC-FLG-01")
@@ -105,6 +107,12 @@ def a_flag_is_on_from_sflag_to_cflag(session: Session) -> None:
             wrong = [other for other in others if driver.flag(other) != before[other]]
             text = f"no other flag than {number} changed"
             session.expect(not wrong, f"MSC-{verb}-02", text, f"flags {wrong} changed")
+        for on, verb in ((False, "CFLAG"), (True, "SFLAG"), (False, "CFLAG")):
+            # No block number marks a repeat.
+            exchange = driver.ask(codec.sflag(number) if on else codec.cflag(number), BLOCK)
+            session.expect(exchange.is_acked, f"MSC-{verb}-01", f"ACK to {verb} {number}", exchange)
+        seen = driver.flag(number)
+        session.expect(not seen, "MSC-CFLAG-02", f"flag {number} off, as told last", "on")
 
 
 @check(
@@ -130,6 +138,24 @@ def flag_f_is_bit_f_mod_8_of_byte_f_div_8(session: Session) -> None:
         text = f"bit {number % 8} of byte B{number // 8 + 1}, flag {number}, and no other"
         session.expect(seen == {number}, names, text, f"flags {sorted(seen)}: {states.hex()}")
         driver.clear_flag(number)
+
+
+@check("MSC-PROP-13", "MSC-RFLAG-02", safety="stored", needs=("flags",))
+def reads_change_no_flag(session: Session) -> None:
+    """Flags that were turned on, some of each byte, are on however often each of the reading
+    commands is carried out."""
+    driver = MscDriver(session)
+    free = driver.scratch.flags
+    numbers = sorted({*free[::EVERY], free[-1]})
+    for number in numbers:
+        driver.set_flag(number)
+    for _ in range(2):
+        for body in driver.reads():
+            driver.query(body)
+    for look in (1, 2):
+        off = [number for number in numbers if not driver.flag(number)]
+        names = ("MSC-PROP-13", "MSC-RFLAG-02") if look > 1 else ("MSC-PROP-13",)
+        session.expect(not off, names, f"on: {numbers}", f"off: {off}")
 
 
 @check("MSC-PROP-11", "MSC-RFLAGS-02", "MSC-RFLAGS-03", safety="stored", needs=("flags",))

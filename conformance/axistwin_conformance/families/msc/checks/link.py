@@ -86,41 +86,6 @@ def _judge_after_write(driver: MscDriver, body: bytes) -> None:
     driver.reading("write_reply", "empty_packet" if received else "none", "MSC-LNK-14")
 
 
-@check("MSC-LNK-06", safety=("stored", "negative"), needs=("variables",))
-def a_refused_write_stores_nothing(session: Session) -> None:
-    """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were."""
-    driver = MscDriver(session)
-    spot = driver.scratch.block_spot()
-    before = list(range(100, 132))
-    driver.write_block(spot, before)
-    for body in (codec.dwrite(spot, -7), codec.bwrite(spot, [-7] * 32)):
-        whole = driver.client.request(body)
-        for offset in (1, 0x100, 0xFFFF):
-            raw = codec.with_wrong_checksum(whole, offset)
-            driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
-        for missing in (1, codec.CHECKSUM_BYTES):
-            driver.link.break_off(whole[:-missing])  # what it draws is LNK-03
-        session.expect(
-            driver.read(spot) == 100 and list(driver.read_block(spot)) == before,
-            None,
-            "the variables as before",
-            "a value of the refused packet",
-        )
-
-
-@check("MSC-LNK-06", safety=("stored", "negative"), needs=("flags",))
-def a_refused_sflag_turns_nothing_on(session: Session) -> None:
-    """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was."""
-    driver = MscDriver(session)
-    number = driver.scratch.flags[0]
-    before = driver.flag(number)
-    for body in (codec.sflag(number), codec.cflag(number)):
-        raw = codec.with_wrong_checksum(driver.client.request(body))
-        driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
-        after = driver.flag(number)
-        session.expect(after is before, None, f"flag {number} as before", "on" if after else "off")
-
-
 @check("MSC-LNK-24", "MSC-LNK-04", safety=("stored", "negative"), needs=("variables",))
 def bytes_of_a_refused_packet_are_not_looked_at_again(session: Session) -> None:
     """A BWRITE with a wrong checksum and a good RQSTAT among its values draws one NAK, nothing

@@ -206,9 +206,12 @@ def _hex(numbers: Sequence[int]) -> str:
 @check("MSC-PKT-15", "MSC-PKT-11")
 def bytes_02h_06h_and_15h_of_body_and_checksum_are_no_signs(session: Session) -> None:
     """RFLAG of flags 2, 6 and 21 is served, and RQSTAT whose checksum has 02h, 06h, 13h or 15h in
-    it.  (BODY and CSUM 02h, 06h, 15h, other)"""
+    it; two bytes of body under a wrong sum are refused at their end.
+    (HDR, BODY and CSUM 02h, 06h, 15h, other)"""
     driver = MscDriver(session)
     driver.link.calm("other_unit_framing")
+    cut = codec.with_wrong_checksum(driver.client.request(RQSTAT[:2]))
+    driver.link.sign(cut, NAK, "MSC-PKT-15", "a length of 02h")
     plain = codec.checksum(driver.client.request(RQSTAT)[1:-2])
     for low in (0x02, 0x06, 0x11, 0x13, 0x15):
         # What the block number adds makes the low byte of the sum; the high one is 02h or 03h.

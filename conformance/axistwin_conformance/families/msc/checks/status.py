@@ -6,6 +6,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.codec import RQSTAT
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.program import BenchProgram
@@ -16,6 +17,7 @@ RUNNING, AUTO_START = 1, 64
 STATUS_BYTES: Final = {8: "6", 6: "4"}  # of the payload → what follows SS (MSC-AMB-38)
 BOTH: Final = ("MSC-STA-01", "MSC-RQSTAT-02")
 ERRORS: Final = 0xFB30  # the bits of the status word that tell an error (§5.4)
+LOADS: Final = 0x0F08  # what comes of a load: nothing that is sent here is one
 READS: Final = 3
 
 
@@ -44,6 +46,49 @@ def reading_the_status_leaves_its_errors_as_they_are(session: Session) -> None:
         readings = ("level",) if first else ("level", "clear_on_read")
         driver.reading("status_latch", readings if again & first == first else "clear_on_read")
         first = again
+
+
+def _first_status(driver: MscDriver) -> int:
+    """The status word when the run began; now, if that is not known."""
+    identity = driver.session.run.identity
+    told = identity.values.get("status", "") if identity is not None else ""
+    return int(told) if told.isdecimal() else driver.status()
+
+
+@check("MSC-STA-02")
+def nothing_that_was_sent_is_a_load(session: Session) -> None:
+    """Neither a read, nor one under a wrong checksum, nor all that was sent before puts a load of a
+    program, or an error of a load, into the status word."""
+    driver = MscDriver(session)
+    first = _first_status(driver)
+    for body in driver.reads():
+        driver.query(body)
+    wrong = codec.with_wrong_checksum(driver.client.request(RQSTAT))
+    driver.link.sign(wrong, codec.NAK, "MSC-STA-02", "a wrong checksum")
+    new = driver.status() & ~first & LOADS
+    text = "no load and no error of one that was not there when the run began"
+    session.expect(not new, None, text, f"{new:04X}h more")
+
+
+@check("MSC-STA-02", safety="stored", needs=("variables", "flags"))
+def what_it_carries_out_is_no_error(session: Session) -> None:
+    """Neither DWRITE, BWRITE, SFLAG nor CFLAG puts an error into the status word, nor a load of a
+    program."""
+    driver = MscDriver(session)
+    (block,), flag = driver.scratch.blocks(1), driver.scratch.some_flags(1)[0]
+    first = _first_status(driver)
+    for body in (
+        codec.dwrite(block, 5),
+        codec.bwrite(block, driver.values(codec.BLOCK_VALUES)),
+        codec.sflag(flag),
+        codec.cflag(flag),
+    ):
+        before = driver.status()
+        exchange = driver.command(body)
+        new = driver.status() & (~first & LOADS | ~before & ERRORS)
+        what = codec.explain_request(exchange.request)
+        text = f"no error in the status word after {what} that was not there when the run began"
+        session.expect(not new, None, text, f"{new:04X}h more")
 
 
 @check("MSC-STA-01", "MSC-RQSTAT-02", needs=("program",))

@@ -12,6 +12,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session, earlier
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.checks.repeats import judge_all_repeats
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import MS, Names
@@ -401,7 +402,8 @@ def _without_repeats(driver: MscDriver) -> tuple[str, ...] | str:
 
 @check("MSC-LNK-12", "MSC-LNK-09", "MSC-LNK-13", "MSC-LNK-10")
 def refusals_and_time_outs_share_one_limit(session: Session) -> None:
-    """Three NAKs and then silence: the rest of the five repeats come by time-out, and no more."""
+    """Three NAKs and then silence: the rest of the five repeats come by time-out, and no more; the
+    next reply has all of its own."""
     driver = MscDriver(session)
     if session.reading("ack_timeout_action") != "retransmit":
         session.skip(f"this device has ack_timeout_action={session.reading('ack_timeout_action')}")
@@ -412,4 +414,5 @@ def refusals_and_time_outs_share_one_limit(session: Session) -> None:
     session.expect(
         repeats == driver.link.limit, "MSC-LNK-09", f"{driver.link.limit} repeats", repeats
     )
+    judge_all_repeats(driver, ("MSC-LNK-09", "MSC-LNK-13"), "after one was given up at T2")
     driver.link.alive("MSC-LNK-13")

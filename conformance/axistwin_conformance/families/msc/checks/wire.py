@@ -9,7 +9,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.line import absent, judge_followed, judge_skipped
-from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT
+from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import MOMENT_S, MS
 
@@ -92,6 +92,25 @@ def _after_all_of_it(driver: MscDriver, length: int) -> tuple[str, ...]:
         f"after {(came_ns - sent_ns) / MS:.1f} ms",
     )
     return ("timeout_only",) if is_late else ("nak_after_packet", "accept")
+
+
+@check("MSC-PKT-15", safety="rig", needs=("bench",))
+def an_02h_in_the_place_of_the_unit_is_a_number(session: Session) -> None:
+    """A sound RQSTAT behind another 02h is the rest of a packet for unit 2, too long and broken
+    off: it draws nothing from others, and the one behind is served.  (HDR 02h, SKIP)"""
+    driver = MscDriver(session)
+    judge_skipped(driver)
+    judge_followed(driver)
+    is_there = STX[0] in (session.address, *session.neighbours)
+    if is_there:
+        driver.link.calm()
+    session.target.drain()
+    session.target.send(STX + driver.client.request(RQSTAT))
+    received = driver.client.listen(driver.client.packet_timeout_s * 1.2 + driver.link.glance_s)
+    text = "NAK of unit 2" if is_there else "nothing"
+    is_so = received in ((b"", NAK) if is_there else (b"",))
+    session.expect(is_so, "MSC-PKT-15", text, codec.explain(received) or "nothing")
+    driver.link.alive("MSC-PKT-15")
 
 
 @check("MSC-LNK-19", safety="rig", needs=("bench",))
