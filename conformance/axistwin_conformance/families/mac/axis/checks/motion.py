@@ -289,10 +289,11 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
 def _judge_edges_of_busy(driver: AxisDriver) -> None:
     """Before the first increment it is busy already, on a way longer than the tolerance; on one
     just as long it is not."""
+    driver.motion.ready(SLOWEST, 1)
+    driver.judge.accepted(0x1C, AS_FAR)
     for distance, is_busy in ((AS_FAR, False), (8 * AS_FAR, True)):
-        start = driver.motion.ready(SLOWEST, 1)
-        driver.judge.accepted(0x1C, AS_FAR)
-        driver.motion.go(start + distance)
+        start = driver.client.position()
+        driver.judge.accepted(0x13, start + distance)
         for _ in range(3):
             before, seen = driver.client.position(), driver.status.is_busy()
             if before == driver.client.position() == start:
