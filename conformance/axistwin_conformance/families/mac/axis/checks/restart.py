@@ -77,8 +77,8 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
 def in_motion_00h_drops_the_motion(session: Session) -> None:
     """00h during a move or segments: the axis stands, nothing resumes or is locked."""
     driver = driver_of(session)
-    # Three exchanges after the first command, and a wait, the module has surely taken 00h over.
-    most = 60 + driver.limits.steps_outlasting(SLOWEST)
+    # Four exchanges after the first command, and a wait, the module has surely taken 00h over.
+    most = 60 + driver.limits.steps_outlasting(SLOWEST, 4)
     driver.limits.needs_room(2 * most, "a motion that 00h comes in time for")
     for begin in ((0x13, 2 * most), (0x16, segment_parameter(most, SLOWEST))):
         start = driver.motion.ready(SLOWEST)

@@ -331,7 +331,7 @@ def _lost_on_all(driver: SerialDriver, index: int, parameter: int) -> None:
         driver.client.to_all(index, parameter).with_wrong_checksum(3), QUIET_S
     )
     driver.session.expect(
-        exchange.kind in (ReplyKind.NACK, ReplyKind.SILENCE),
+        exchange.kind not in (ReplyKind.ANSWER, ReplyKind.ACCEPTED, ReplyKind.REFUSED),
         None,
         "Nack, or silence",
         driver.client.observed(exchange),
