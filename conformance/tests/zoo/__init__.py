@@ -6,6 +6,7 @@ named quirk is no kill; a fault that is another admissible reading of the manual
 """
 
 from zoo import (
+    aftermath,
     commands,
     edges,
     effects,
@@ -24,7 +25,7 @@ from zoo.mutant import Mutant
 
 FAMILIES = (
     framing, replies, commands, queries, motion, interpolation, stops, sync, persistence, inputs,
-    faults, edges, effects,
+    faults, edges, effects, aftermath,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(

@@ -19,6 +19,8 @@ from axistwin_conformance.families.mac.serial.client import ANSWERED, MAY_BE_SIL
 from axistwin_conformance.families.mac.serial.codec import SerialReply
 
 PLAIN: Final = b"00" + b"00000000"  # sub-index and parameter nobody can object to
+MOVES: Final = (0x13, 0x14)
+LATE_TIMES: Final = 3  # a host that is held up may be once, at whatever it asks
 OBEYED: Final = frozenset(COMMAND_NAMES)
 LONG_LENGTH: Final = (0x28, b"014")  # MACS-AMB-05
 
@@ -57,6 +59,44 @@ def _asked(session: Session, request: bytes, *also: int) -> int | None:
     is_ours = address in (session.address, *session.neighbours, *also)
     is_known = index in ANSWERED or index in OBEYED
     return index if is_whole and is_ours and is_known else None
+
+
+def acknowledged_late(session: Session) -> Violation | None:
+    """What a module has broken that is lost now, and before that acknowledged moves, and nothing
+    else, so late that the host had asked something else by then: when they were over."""
+    late_s, others = list[float](), 0
+    asked: tuple[int, int] | None = None  # index and time of the request sent last, if it has one
+    overdue: tuple[int, int] | None = None  # the same of one that was silent when the next followed
+    heard = b""
+    for record in session.target.transcript:
+        if record.direction is Direction.HOST:
+            is_answered = asked is not None and asked[0] in ANSWERED and heard
+            overdue = None if is_answered else overdue or (None if heard else asked)
+            index = _asked(session, record.data)
+            asked, heard = (None if index is None else (index, record.time_ns)), b""
+        elif record.direction is Direction.DEVICE and overdue is not None:
+            heard += record.data
+            if asked is not None and _is_of_another(asked[0], heard):
+                others += overdue[0] not in MOVES
+                late_s.append((record.time_ns - overdue[1]) / 1e9)
+                overdue = None
+        elif record.direction is Direction.DEVICE:
+            heard += record.data
+    if len(late_s) < LATE_TIMES or others:
+        return None
+    return Violation(
+        "MACS-REPLY-14",
+        "06 13 1A as soon as a move is taken over",
+        f"{len(late_s)} moves were acknowledged so late that other requests had followed, up to"
+        f" {max(late_s):.2f} s; then nothing came while another move went on",
+    )
+
+
+def _is_of_another(index: int, heard: bytes) -> bool:
+    """True if what was heard since this request begins with the reply to one before it."""
+    size = codec.ANSWER_BYTES if index in ANSWERED else codec.SHORT_REPLY_BYTES
+    is_short = codec.parse(heard[: codec.SHORT_REPLY_BYTES]).kind is ReplyKind.ACCEPTED
+    return len(heard) > size or (index in ANSWERED and is_short)
 
 
 def _promised(index: int, came: str) -> Violation:

@@ -23,7 +23,7 @@ from axistwin_conformance.families.mac.axis.travel_guard import AxisTravelGuard
 from axistwin_conformance.families.mac.axis.words import exchange_words, request_words
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.address_recovery import found_elsewhere
-from axistwin_conformance.families.mac.serial.diagnosis import diagnose
+from axistwin_conformance.families.mac.serial.diagnosis import acknowledged_late, diagnose
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.families.mac.serial.lenient import lenient
 from axistwin_conformance.families.mac.serial.reader import LineReader
@@ -139,9 +139,9 @@ class MacSerial(AxisFamily):
         )
 
     def diagnose(self, session: Session, request: bytes, reply: bytes | None) -> Violation | None:
-        """See `diagnose`, and `found_elsewhere`."""
+        """See `diagnose`, and of who is lost `acknowledged_late` and `found_elsewhere`."""
         if not request:
-            return found_elsewhere(SerialDriver(session))
+            return acknowledged_late(session) or found_elsewhere(SerialDriver(session))
         return diagnose(session, request, reply)
 
     def _read_leniently(

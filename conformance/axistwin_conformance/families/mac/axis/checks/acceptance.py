@@ -7,7 +7,7 @@ and destructive commands have checks of their own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -23,6 +23,7 @@ from axistwin_conformance.families.mac.axis.model.acceptance import (
     AcceptanceRow,
     outcome_of,
 )
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 
@@ -30,6 +31,9 @@ ORDER = 110  # of this module in a run; see `Family.modules`
 
 LONG_STEPS: Final = 120  # a second of motion at the slowest speed
 MOST_EXCHANGES: Final = 60  # in motion, from one start
+MOST_LOCKED: Final = 14  # exchanges while what is locked is tried
+RESUMES_S: Final = 0.2  # after it: what waited for the axis to be at rest would have begun
+STANDS_S: Final = 0.1  # after 17h without a ramp
 SHORT_STEPS: Final = 100  # to run on for so many is waited for at the slowest speed
 
 
@@ -332,6 +336,69 @@ def unassigned_indices_are_refused_in_every_state(session: Session) -> None:
 def queries_are_answered_in_every_state(session: Session) -> None:
     """Every query that means something is answered in every state."""
     walk(session, *driver_of(session).client.face.answered)
+
+
+@check("MACS-REPLY-05", "MACS-CMD-13-02", safety=("motion", "stored"), level="full")
+def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
+    """All that a motion locks is refused in each kind of motion: the parameters stay as they were,
+    the motion goes on, and nothing of it is done when the axis has come to rest."""
+    driver = driver_of(session)
+    names = ("MACS-REPLY-05", "MACS-CMD-13-02")
+    for state in RUNNING:
+        start = driver.motion.ready(_slowly(driver))
+        before = driver.client.parameters()
+        forecast = _begun(driver, state, start)
+        for index, parameter in _locked(driver, before, start):
+            if driver.client.command(index, parameter).kind is not ReplyKind.REFUSED:
+                return  # the checks of the lock judge that
+        driver.motion.follow(forecast, names, driver.limits.allowance(driver.motion.period))
+        after = driver.client.parameters()
+        wrong = [index for index in before if after[index] != before[index]]
+        session.expect(
+            not wrong,
+            "MACS-REPLY-05",
+            [f"{driver.client.named(index)} still {before[index]:X}h" for index in wrong],
+            [f"{after[index]:X}h" for index in wrong],
+        )
+        if state == "VE":
+            driver.judge.accepted(0x17)
+            driver.motion.run_out()
+            driver.client.wait(STANDS_S)
+            place = driver.client.position()
+        else:
+            place = driver.motion.finish(forecast, names)
+        driver.client.wait(RESUMES_S)
+        again = driver.client.position()
+        session.expect(again == place, names, f"at rest at {place}", again)
+
+
+def _begun(driver: AxisDriver, state: str, start: int) -> Forecast:
+    """Begin a motion of that kind that outlasts what is then sent; what to expect of it."""
+    if state == "VE":
+        return driver.motion.turn(1, driver.motion.period)
+    if state == "PO":
+        period = driver.motion.period
+        return driver.motion.go(start + driver.limits.way_outlasting(60, period, MOST_LOCKED))
+    segment = driver.limits.segment(30, driver.motion.period, exchanges=MOST_LOCKED // 2)
+    return driver.motion.feed(start, segment, segment)
+
+
+def _locked(driver: AxisDriver, values: Mapping[int, int], start: int) -> Iterator[tuple[int, int]]:
+    """What every motion locks, as far as this device does, each with another value than it has."""
+    asked = {
+        0x02: 1 - (values[0x02] & 1),
+        0x03: 1,
+        0x09: start + 0x4321,
+        0x0A: start - 0x4321,
+        0x0D: driver.limits.slowed(0x2123),
+        0x0F: values[0x0F] ^ 0x05,
+        0x14: 0,
+        0x13: start - 40,
+    }
+    for index, parameter in asked.items():
+        is_surely = index in (0x02, 0x03, 0x13) or driver.readings.known("motion_lock_set") == 0
+        if is_surely and (index != 0x14 or driver.limits.fits(0)):
+            yield index, parameter
 
 
 @check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")

@@ -10,7 +10,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
-from axistwin_conformance.families.mac.axis.driver.driver import driver_of
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
@@ -29,6 +29,9 @@ from axistwin_conformance.families.mac.axis.probing import MOVES
 ORDER = 120  # of this module in a run; see `Family.modules`
 
 # The table of §5.3: where a profile is one increment off, it shows at these distances.
+TOLERATED: Final = ((10, 80), (0, 80), (40, 80), (0xFF, 300))  # tolerance, and the way to go
+AS_FAR: Final = 5  # increments to go, and of tolerance
+TOLD: Final = {True: "busy", False: "not busy"}
 BUSY: Final = 0x08  # of byte cc of 27h: 0 while busy
 TABLE: Final = (
     (1, 1), (2, 1), (3, 1), (10, 1), (100, 1), (239, 1), (240, 1), (241, 1), (479, 2), (481, 2),
@@ -158,7 +161,7 @@ def a_move_to_where_it_is_does_nothing(session: Session) -> None:
         )
 
 
-@check("MACS-CMD-13-06", "MACS-CMD-13-01", safety=MOVES, level="full")
+@check("MACS-CMD-13-06", "MACS-CMD-13-01", "MACS-REPLY-05", safety=MOVES, level="full")
 def targets_beyond_the_counter_are_refused(session: Session) -> None:
     """A target outside the counter's 31 bits is refused, or accepted; its edges are accepted."""
     driver = driver_of(session)
@@ -181,6 +184,13 @@ def targets_beyond_the_counter_are_refused(session: Session) -> None:
         exchange = driver.client.command(0x13, target)
         driver.motion.at_rest()
         driver.judge.must(ReplyKind.ACCEPTED, exchange, "MACS-CMD-13-01")
+    place = driver.motion.ready(SLOWEST, 1)
+    driver.judge.accepted(0x10)
+    if driver.client.command(0x13, FIRST_TARGET_OUT_OF_RANGE).kind is ReplyKind.REFUSED:
+        driver.judge.accepted(0x13, place + 40)
+        driver.client.wait(0.3)
+        again = driver.client.position()
+        session.expect(again == place, "MACS-REPLY-05", f"armed: at {place} until 11h", again)
 
 
 @check("MACS-CMD-13-03", "MACS-CMD-1A-01", "MACS-CMD-19-01", safety=MOVES)
@@ -220,19 +230,21 @@ def going_to_0_is_a_move_like_any_other(session: Session) -> None:
     session.expect(again == place, None, f"at rest at {place}, where 18h has ended it", again)
 
 
-@check("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01", safety=MOVES)
+@check("MACS-BUSY-01", "MACS-Q-27-03", "MACS-CMD-1C-01", "MACS-Q-20-01", safety=MOVES)
 def busy_ends_within_the_tolerance(session: Session) -> None:
     """During a move 27h shows busy until the axis is within the tolerance (1Ch) of the target; the
     axis still reaches the target."""
     driver = driver_of(session)
-    for tolerance in (10, 0, 40):
+    for tolerance, distance in TOLERATED:
         start = driver.motion.ready(
             0x8000 if session.transport.is_virtual else driver.limits.unhurried(0x4000)
         )
         is_set = not tolerance or driver.client.command(0x1C, tolerance).kind is ReplyKind.ACCEPTED
         if not is_set:
             session.skip("1Ch is not supported: no tolerance to judge by")
-        target = start + 80
+        target = start + distance
+        if not driver.limits.fits(target):
+            continue
         forecast = driver.motion.go(target)
         end = forecast.end
         assert end is not None
@@ -262,6 +274,8 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
                     admissible,
                 ),
             )
+            if tolerance >= distance // 2:  # it must not count as if it were there
+                driver.motion.follow(forecast, "MACS-Q-20-01", slack)
         driver.motion.finish(forecast, "MACS-BUSY-01")
         session.expect(
             not driver.status.is_busy(),
@@ -269,6 +283,27 @@ def busy_ends_within_the_tolerance(session: Session) -> None:
             "not busy at the target",
             "busy",
         )
+    _judge_edges_of_busy(driver)
+
+
+def _judge_edges_of_busy(driver: AxisDriver) -> None:
+    """Before the first increment it is busy already, on a way longer than the tolerance; on one
+    just as long it is not."""
+    driver.motion.ready(SLOWEST, 1)
+    driver.judge.accepted(0x1C, AS_FAR)
+    for distance, is_busy in ((AS_FAR, False), (8 * AS_FAR, True)):
+        start = driver.client.position()
+        driver.judge.accepted(0x13, start + distance)
+        for _ in range(3):
+            before, seen = driver.client.position(), driver.status.is_busy()
+            if before == driver.client.position() == start:
+                driver.session.expect(
+                    seen == is_busy,
+                    ("MACS-BUSY-01", "MACS-CMD-1C-01"),
+                    f"{TOLD[is_busy]}, {distance} increments before the target, tolerance {AS_FAR}",
+                    TOLD[seen],
+                )
+        driver.motion.at_rest()
 
 
 def _busy_seen(

@@ -20,7 +20,7 @@ from axistwin_conformance.families.mac.serial.address_recovery import (
     other_address,
     program_address,
 )
-from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
+from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS, SerialRequest
 from axistwin_conformance.families.mac.serial.driver import SerialDriver
 from axistwin_conformance.families.mac.serial.probes.destructive import DESTRUCTIVE, FACTORY_BAUD
 
@@ -30,11 +30,14 @@ OTHER_RATE: Final = 0x02  # of 1Bh: not the factory's
 NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)
 
 
-@check("MACS-CMD-08-01", "MACS-CMD-08-02", safety=DESTRUCTIVE, needs=("alone",))
+@check("MACS-CMD-08-01", "MACS-CMD-08-02", "MACS-REPLY-04", safety=DESTRUCTIVE, needs=("alone",))
 def the_address_can_be_programmed(session: Session) -> None:
-    """08h to FF gives the only module a new address, from the next frame on, and for good."""
+    """08h to FF gives the only module a new address, from the next frame on, and for good; not
+    under a wrong checksum."""
     driver = SerialDriver(session)
     with brought_back(driver):
+        new = next(one for one in NEW_ADDRESSES if one != driver.client.address)
+        _nacked_in_vain(driver, driver.client.to_all(0x08, new))
         for new in NEW_ADDRESSES:
             old = driver.client.address
             if new == old:
@@ -122,12 +125,17 @@ def an_address_that_is_no_number_is_refused(session: Session) -> None:
             )
 
 
-@check("MACS-CMD-1B-01", "MACS-CMD-XX-02", "MACS-LINE-01", safety=DESTRUCTIVE, needs=("alone",))
+@check(
+    "MACS-CMD-1B-01", "MACS-CMD-XX-02", "MACS-LINE-01", "MACS-REPLY-04", "MACS-REPLY-05",
+    safety=DESTRUCTIVE, needs=("alone",),
+)  # fmt: skip
 def the_rate_can_be_programmed(session: Session) -> None:
-    """1Bh sets 9600, 19200, 38400 baud; the module restarts, then talks the new rate only."""
+    """1Bh sets 9600, 19200, 38400 baud; the module restarts, then talks the new rate only; refused
+    or Nacked it does nothing."""
     driver = SerialDriver(session)
     if not has_rate(driver):
         session.skip("a plain socket carries bytes, not a rate")
+    _nacked_in_vain(driver, driver.client.request(0x1B, OTHER_RATE))
     for value in (0x00, 0x04, 0xFF):
         with brought_back(driver, is_readdressed=False):
             kind = driver.client.command(0x1B, value).kind
@@ -135,12 +143,26 @@ def the_rate_can_be_programmed(session: Session) -> None:
             if kind is not ReplyKind.REFUSED:
                 driver.motion.wait_awake()  # it may have taken it for another value
                 driver.judge.reading("param_range_policy", max(1, policy), "MACS-CMD-XX-02")
+            else:
+                _undisturbed(driver, ("MACS-CMD-XX-02", "MACS-REPLY-05"), f"1Bh {value:02X}")
             # Masked, a value may still be none of the three, and then is refused all the same.
             session.expect(True, "MACS-CMD-XX-02", "", "")
     with brought_back(driver, is_readdressed=False):
         for value in RATES:
             _judge_rate(driver, value)
     driver.judge.alive("MACS-LINE-01")
+
+
+def _nacked_in_vain(driver: SerialDriver, request: SerialRequest) -> None:
+    """Send a frame under a wrong checksum, after which the module is where it was."""
+    driver.client.send(request.with_wrong_checksum(), QUIET_S * 2)
+    _undisturbed(driver, ("MACS-REPLY-04",), f"{request.index.decode()}h under a wrong checksum")
+
+
+def _undisturbed(driver: SerialDriver, requirements: tuple[str, ...], what: str) -> None:
+    """Judge that the module answers at once where it did."""
+    is_there = answers(driver, driver.client.address)
+    driver.session.expect(is_there, requirements, f"an answer to 20h after {what}", "silence")
 
 
 def _judge_rate(driver: SerialDriver, value: int) -> None:
@@ -176,6 +198,7 @@ def _judge_rate(driver: SerialDriver, value: int) -> None:
     "MACS-CMD-01-02",
     "MACS-CMD-01-03",
     "MACS-CMD-1C-01",
+    "MACS-REPLY-04",
     safety=DESTRUCTIVE,
     needs=("alone",),
 )
@@ -185,6 +208,7 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
     place = driver.motion.finish(driver.motion.go(driver.motion.ready() + 25))
     changed = factory.overwrite(driver, 0)
     with brought_back(driver):
+        _nacked_in_vain(driver, driver.client.request(0x01))
         _move_away(driver)
         exchange = driver.client.send(driver.client.request(0x01), QUIET_S * 2)
         replies = {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}

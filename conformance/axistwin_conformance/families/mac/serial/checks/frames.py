@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -181,9 +181,11 @@ def every_other_checksum_is_nacked(session: Session) -> None:
     driver.judge.must(ReplyKind.ANSWER, driver.client.send(frame), "MACS-FRAME-03")
     if driver.client.is_nacked_by_many:
         session.skip(NACKED_BY_MANY)
-    offsets = (
-        range(1, 0x100) if session.target.is_virtual else (1, 0x0F, 0x10, *USUAL_MISTAKES, 0xFF)
-    )
+    offsets: Iterable[int] = range(1, 0x100)
+    if not session.target.is_virtual:
+        right = codec.checksum(frame.summed)
+        flipped = ((right ^ 1 << bit) - right & 0xFF for bit in range(8))
+        offsets = dict.fromkeys((1, 0x0F, 0x10, *USUAL_MISTAKES, 0xFF, *flipped))
     for offset in offsets:
         exchange = driver.client.send(frame.with_wrong_checksum(offset))
         seen, mistake = driver.client.observed(exchange), USUAL_MISTAKES.get(offset, "")

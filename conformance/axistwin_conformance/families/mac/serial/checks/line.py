@@ -8,11 +8,13 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange, quiet_s
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 from axistwin_conformance.families.mac.axis.probes.stops import restarted_ns
+from axistwin_conformance.families.mac.axis.probes.sync import is_held
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import GENERAL_ADDRESS
@@ -22,6 +24,7 @@ from axistwin_conformance.families.mac.serial.probes.line import general_replies
 ORDER = 180  # of this module in a run; see `Family.modules`
 
 POLL_S: Final = 0.05
+RUNS_OUT_S: Final = 0.1  # what an axis takes at most to stand after 18h at the slowest speed
 # What MACS-CMD-00-02 leaves to MACS-AMB-21: a host may talk 2.5 s after 00h, and what it sends
 # within 1.5 s must not count.
 DEAF_MS: Final = range(1500, 2501)
@@ -123,7 +126,7 @@ def just_after_two_seconds_it_listens(session: Session) -> None:
     driver.judge.alive("MACS-CMD-00-01")
 
 
-@check("MACS-CMD-00-02", "MACS-CMD-00-01", safety=MOVES, level="full")
+@check("MACS-CMD-00-02", "MACS-CMD-00-01", "MACS-REPLY-12", safety=MOVES, level="full")
 def what_begins_while_it_is_deaf_is_no_frame(session: Session) -> None:
     """A query that begins while the module is deaf after 00h, and whose rest comes bit by bit when
     it listens again, is lost as well; the next one is answered."""
@@ -138,7 +141,8 @@ def what_begins_while_it_is_deaf_is_no_frame(session: Session) -> None:
     driver.motion.taken_in_time(
         begun, since_ns + round(driver.motion.deaf_surely_s * 1e9), "the deafness"
     )
-    driver.motion.wait_awake()
+    said = session.target.receive(1, driver.motion.awake_surely_s)
+    session.expect(not said, "MACS-REPLY-12", "silence until it listens again", said.hex(" "))
     for part, limit_s in ((query[half:-2], POLL_S), (query[-2:], QUIET_S)):
         ended = driver.client.send(part, limit_s)
         driver.judge.must(ReplyKind.SILENCE, ended, "MACS-CMD-00-02")
@@ -161,12 +165,53 @@ def _everybody(session: Session) -> list[SerialDriver]:
     return [SerialDriver(session, address) for address in (session.address, *session.neighbours)]
 
 
-@check("MACS-MULTI-03", "MACS-REPLY-08", needs=("alone",))
+@check(
+    "MACS-MULTI-03", "MACS-REPLY-08", "MACS-REPLY-12", "MACS-FRAME-03", "MACS-REPLY-02",
+    needs=("alone",),
+)  # fmt: skip
 def the_general_address_is_answered_by_module_00(session: Session) -> None:
-    """A query to FF is answered by module 00 with address FF; others keep silent."""
+    """A query to FF is answered once, by module 00 with address FF, and under a wrong checksum by
+    Nack at most; others keep silent."""
     driver = SerialDriver(session)
     _judge_general_reply(driver, general(driver, 0x20).reply)
+    surplus = session.target.receive(3, quiet_s(session.target))
+    session.expect(not surplus, "MACS-REPLY-12", "one reply from one module", surplus.hex(" "))
+    wrong = driver.client.to_all(0x20).with_wrong_checksum()
+    exchange = driver.client.send(wrong, QUIET_S * 2)
+    session.expect(
+        exchange.kind not in (ReplyKind.ANSWER, ReplyKind.ACCEPTED, ReplyKind.REFUSED),
+        ("MACS-FRAME-03", "MACS-REPLY-02"),
+        "Nack, or silence",
+        driver.client.observed(exchange),
+    )
     driver.judge.alive("MACS-MULTI-03")
+
+
+@check("MACS-MULTI-02", safety=MOVES, needs=("alone",), level="full")
+def a_module_alone_obeys_the_general_address(session: Session) -> None:
+    """10h to FF holds the next move back, 11h to FF starts it, 0Fh to FF is stored, 18h to FF ends
+    an endless motion; whether anything is replied is another matter."""
+    driver = SerialDriver(session)
+    start = driver.motion.ready()
+    for index, parameter in ((0x0F, 1), (0x10, 0)):
+        general(driver, index, parameter)
+    ramp = driver.client.parameter(0x0F)
+    session.expect(ramp == 1, None, "ramp coefficient 1", f"ramp coefficient {ramp}")
+    driver.judge.accepted(0x0F, 0)
+    driver.judge.accepted(0x13, start + 40)
+    held = is_held(driver, start)
+    session.expect(held, None, f"armed by 10h to FF: at {start}", driver.client.position())
+    general(driver, 0x11)
+    driver.client.wait(0.1 + driver.motion.lasting_s(40))
+    place = driver.client.position()
+    session.expect(place == start + 40, None, f"at {start + 40} after 11h to FF", place)
+    driver.judge.accepted(0x15, velocity(1, SLOWEST))
+    general(driver, 0x18)
+    driver.motion.run_out()
+    driver.client.wait(RUNS_OUT_S)
+    place = driver.client.position()
+    held = is_held(driver, place)
+    session.expect(held, None, f"at {place} after 18h to FF", driver.client.position())
 
 
 def _judge_general_reply(driver: SerialDriver, reply: codec.SerialReply) -> None:

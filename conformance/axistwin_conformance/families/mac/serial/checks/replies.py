@@ -220,12 +220,21 @@ def refusals_change_nothing(session: Session) -> None:
             causes=(f"13h (go to position {target})", "0Dh"),
         ),
     )
+    _refused_while_armed(driver)
+
+
+def _refused_while_armed(driver: SerialDriver) -> None:
+    """What is refused at rest leaves the module armed."""
     place = driver.client.position()
     driver.judge.accepted(0x10)
-    if driver.client.command(0x12).kind is not ReplyKind.REFUSED:
-        return  # another reading of an index without a meaning (MACS-AMB-58)
+    kinds = {
+        driver.client.command(index, parameter).kind
+        for index, parameter in ((0x12, 0), (0x02, 2), (0x03, 2))
+    }
+    if ReplyKind.REFUSED not in kinds:
+        return  # other readings of what means nothing (MACS-AMB-58, -60)
     driver.judge.accepted(0x13, place + 40)
-    session.expect(
+    driver.session.expect(
         is_held(driver, place),
         "MACS-REPLY-05",
         f"armed: at {place} until 11h",
@@ -233,44 +242,79 @@ def refusals_change_nothing(session: Session) -> None:
     )
 
 
+# What would show at rest if it were executed: a place, a parameter, a restart, an arm, a lock.
+TELLING: Final = (
+    (0x14, 0),
+    (0x16, 0x00640640),
+    (0x0B, 0),
+    (0x09, 0x1234),
+    (0x0A, 0x1234),
+    (0x0C, 0x11),
+    (0x0D, 0x0777),
+    (0x0E, 0x4400),
+    (0x0F, 0x33),
+    (0x1C, 0x22),
+    (0x02, 1),
+    (0x03, 9),
+    (0x00, 0),
+    (0x10, 0),
+)
+TOLD_ALL: Final = (0x13, 0x0B, 0x0C, 0x0F, 0x10)  # of these, also to FF
+
+
 @check("MACS-REPLY-04", safety=("motion", "stored"))
 def a_nacked_frame_does_nothing(session: Session) -> None:
-    """Commands under a wrong checksum neither move, store, re-initialise nor stop anything."""
+    """Commands under a wrong checksum neither move, store, arm, re-initialise nor stop anything."""
     driver = SerialDriver(session)
-    start = driver.motion.ready()
-    before = [driver.client.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
+    start = _beside_zero(driver)
+    before = _shown(driver)
     for index, parameter in (
         (0x13, start + 200),
         (0x15, velocity(1, 0x1000)),
-        (0x16, 0x00640640),
-        (0x0B, 0),
-        (0x09, 0x1234),
-        (0x0A, 0x1234),
-        (0x0C, 0x11),
-        (0x0D, 0x0777),
-        (0x0E, 0x4400),
-        (0x0F, 0x33),
-        (0x1C, 0x22),
-        (0x02, 1),
-        (0x03, 9),
-        (0x00, 0),
+        *TELLING,
+        (0x1E, segment_parameter(0x100, SLOWEST)),
     ):
         _nacked(driver, driver.client.request(index, parameter).with_wrong_checksum(3))
+        if index in TOLD_ALL and not session.neighbours:
+            _lost_on_all(driver, index, parameter)
     session.target.wait(QUIET_S)
-    after = [driver.client.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
+    after = _shown(driver)
     session.expect(after == before, None, _hex(before), _hex(after))
-    forecast = driver.motion.turn(1, SLOWEST)
-    _nacked(driver, driver.client.request(0x18).with_wrong_checksum())
+    driver.judge.accepted(0x03, 0)  # no segment runs that would lock it
+    forecast = driver.motion.turn(1, SLOWEST)  # nor is anything armed
+    for index in (0x18, 0x17, 0x1A, 0x0B, 0x15, 0x00):
+        _nacked(driver, driver.client.request(index).with_wrong_checksum())
     driver.client.wait(0.2)
     driver.motion.follow(forecast, None, driver.limits.allowance(SLOWEST))
     driver.motion.at_rest()
-    start = driver.client.position()
+    _nacked_while_armed(driver)
+
+
+def _nacked_while_armed(driver: SerialDriver) -> None:
+    """Nor do they disarm, start or drop what 10h holds back."""
+    start = driver.motion.ready()
     driver.judge.accepted(0x10)
-    _nacked(driver, driver.client.request(0x20).with_wrong_checksum())
+    for index in (0x20, 0x11, 0x17, 0x18, 0x1A):
+        _nacked(driver, driver.client.request(index).with_wrong_checksum())
     driver.judge.accepted(0x13, start + 40)
-    session.expect(
-        is_held(driver, start), None, f"armed: at {start} until 11h", driver.client.position()
+    for index in (0x11, 0x17, 0x18, 0x1A, 0x00):
+        _nacked(driver, driver.client.request(index).with_wrong_checksum())
+    held = is_held(driver, start)
+    driver.session.expect(held, None, f"armed: at {start} until 11h", driver.client.position())
+    driver.motion.finish(
+        driver.motion.to_position(driver.judge.accepted(0x11), start, start + 40), None
     )
+
+
+def _beside_zero(driver: SerialDriver) -> int:
+    """Bring the module to rest where clearing the counter shows; give the place."""
+    start = driver.motion.ready()
+    return start or driver.motion.finish(driver.motion.go(37))
+
+
+def _shown(driver: SerialDriver) -> list[int]:
+    """The place and all parameters."""
+    return [driver.client.value(index) for index in (0x20, 0x22, 0x23, 0x25, 0x26)]
 
 
 def _nacked(driver: SerialDriver, request: codec.SerialRequest) -> None:
@@ -279,6 +323,19 @@ def _nacked(driver: SerialDriver, request: codec.SerialRequest) -> None:
     exchange = driver.client.send(request)
     if not driver.client.is_nacked_by_many:
         driver.judge.must(ReplyKind.NACK, exchange)
+
+
+def _lost_on_all(driver: SerialDriver, index: int, parameter: int) -> None:
+    """Send a frame with a wrong sum to FF, which module 00 may Nack (MACS-AMB-19)."""
+    exchange = driver.client.send(
+        driver.client.to_all(index, parameter).with_wrong_checksum(3), QUIET_S
+    )
+    driver.session.expect(
+        exchange.kind not in (ReplyKind.ANSWER, ReplyKind.ACCEPTED, ReplyKind.REFUSED),
+        None,
+        "Nack, or silence",
+        driver.client.observed(exchange),
+    )
 
 
 def _hex(values: list[int]) -> str:
@@ -329,28 +386,37 @@ def at_rest_it_keeps_silent(session: Session) -> None:
 def frames_for_another_module_do_nothing(session: Session) -> None:
     """Commands for another address neither move this module nor change its parameters."""
     driver = SerialDriver(session)
-    start = driver.motion.ready()
-    before = [driver.client.value(index) for index in (0x20, 0x25, 0x26)]
+    start = _beside_zero(driver)
+    before = _shown(driver)
     taken = {session.address, *session.neighbours}
     other = next(address for address in (0x33, 0x4C, 0x5A) if address not in taken)
     hint = unknown_module_at(driver.client, other)  # before it is told anything
     if hint:
         session.fail("MACS-REPLY-13", f"silence at {other:02X}h", "an answer to 20h", hint)
-    cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0)]
+    cases = [*((index, parameter) for index, parameter in TELLING if index not in (0x14, 0x16))]
     if not session.envelope.is_guarded:  # or a module that nobody has named might be there and move
         cases.insert(0, (0x13, start + 300))
     for index, parameter in cases:
-        exchange = driver.client.send(
-            driver.client.request(index, parameter, address=other), QUIET_S
-        )
-        driver.judge.must(ReplyKind.SILENCE, exchange)
-    after = [driver.client.value(index) for index in (0x20, 0x25, 0x26)]
+        _for_another(driver, other, index, parameter)
+    after = _shown(driver)
     session.expect(after == before, None, _hex(before), _hex(after))
-    forecast = driver.motion.turn(1, SLOWEST)
+    forecast = driver.motion.turn(1, SLOWEST)  # nor is anything armed
     for index in (0x18, 0x1A, 0x17):
-        exchange = driver.client.send(driver.client.request(index, address=other), QUIET_S)
-        driver.judge.must(ReplyKind.SILENCE, exchange)
+        _for_another(driver, other, index)
     driver.motion.follow(forecast, None, driver.limits.allowance(SLOWEST))
+    driver.motion.at_rest()
+    start = driver.motion.ready()
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(0x13, start + 40)
+    _for_another(driver, other, 0x11)
+    held = is_held(driver, start)
+    session.expect(held, None, f"armed: at {start} until 11h", driver.client.position())
+
+
+def _for_another(driver: SerialDriver, address: int, index: int, parameter: int = 0) -> None:
+    """Send a frame for a module that is not there."""
+    request = driver.client.request(index, parameter, address=address)
+    driver.judge.must(ReplyKind.SILENCE, driver.client.send(request, QUIET_S))
 
 
 @check("MACS-REPLY-15")
