@@ -32,6 +32,7 @@ ORDER = 120  # of this module in a run; see `Family.modules`
 BUSY: Final = 0x08  # of byte cc of 27h: 0 while busy
 TABLE: Final = (
     (1, 1), (2, 1), (3, 1), (10, 1), (100, 1), (239, 1), (240, 1), (241, 1), (479, 2), (481, 2),
+    (40, 0x80),
 )  # fmt: skip
 LONG_TABLE: Final = ((1000, 1), (1000, 10), (10000, 10))
 FIRST_TARGET_OUT_OF_RANGE: Final = 0x40000000
@@ -183,17 +184,18 @@ def targets_beyond_the_counter_are_refused(session: Session) -> None:
         driver.judge.must(ReplyKind.ACCEPTED, exchange, "MACS-CMD-13-01")
 
 
-@check("MACS-CMD-13-03", "MACS-CMD-1A-01", "MACS-CMD-19-01", safety=MOVES)
+@check("MACS-CMD-13-03", "MACS-CMD-13-01", "MACS-CMD-1A-01", "MACS-CMD-19-01", safety=MOVES)
 def a_move_powers_the_motor(session: Session) -> None:
-    """After 1Ah, and after 19h, a move runs as ever; 1Ah itself moves nothing at rest."""
+    """After 1Ah, and after 19h, a move runs on its ramp as ever; 1Ah moves nothing at rest."""
     driver = driver_of(session)
-    start = driver.motion.ready()
+    start = driver.motion.ready(slow(session), 2)
     for index in (0x1A, 0x19, 0x1A):
         name = "MACS-CMD-1A-01" if index == 0x1A else "MACS-CMD-19-01"
         driver.judge.accepted(index, requirement=name)
         place = driver.client.position()
         session.expect(place == start, name, start, place)
-        start = driver.motion.finish(driver.motion.go(start + 50), "MACS-CMD-13-03")
+        forecast = driver.motion.go(start + 60)
+        start = driver.motion.watch(forecast, ("MACS-CMD-13-03", "MACS-CMD-13-01"), samples=3)
 
 
 @check("MACS-CMD-14-01", safety=MOVES, level="full")
