@@ -10,10 +10,11 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
-from axistwin_conformance.families.mac.axis.driver.driver import driver_of
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     RAMP_LEVELS,
     TICK_NS,
@@ -310,9 +311,22 @@ def _busy_words(admissible: set[bool], least: int, most: int, tolerance: int) ->
 # --- stops ---------------------------------------------------------------------------------------
 
 
-@check("MACS-CMD-17-01", safety=MOVES)
+def locked_on_the_way_down(driver: AxisDriver, stopped: Forecast) -> None:
+    """Judge that 13h is refused while a ramped stop slows the axis down, if there is time for it
+    on this line: to the place where the axis will come to rest, for a module that takes it."""
+    end, now_ns = stopped.end, driver.client.target.now_ns
+    assert end is not None
+    if end.earliest_ns - now_ns < 2 * driver.client.target.uncertainty_ns:
+        return
+    exchange = driver.client.command(0x13, stopped.final[0])
+    driver.motion.taken_in_time(exchange, end.earliest_ns, "the motion")
+    driver.judge.must(ReplyKind.REFUSED, exchange, ("MACS-CMD-13-02", "MACS-STATE-01"))
+
+
+@check("MACS-CMD-17-01", "MACS-CMD-13-02", "MACS-STATE-01", safety=MOVES)
 def a_ramped_stop_in_full_motion_takes_one_ramp(session: Session) -> None:
-    """17h in cruise comes to rest one ramp further on, on the ramp, and stays there."""
+    """17h in cruise comes to rest one ramp further on, on the ramp, and stays there; until then
+    the axis counts as running."""
     driver = driver_of(session)
     driver.limits.needs_room(4 * ramp_increments(1) + 400, "a ramp, full speed and a ramp again")
     for coefficient in (1, 3):
@@ -324,6 +338,7 @@ def a_ramped_stop_in_full_motion_takes_one_ramp(session: Session) -> None:
         cruise_ns = (240 * coefficient + 150) * driver.motion.period * TICK_NS
         driver.client.wait_until(forecast.timelines[0].start_ns + cruise_ns)
         stopped = forecast.stopped(driver.judge.accepted(0x17).taken)
+        locked_on_the_way_down(driver, stopped)
         driver.motion.watch(stopped, "MACS-CMD-17-01", samples=4)
         driver.client.wait(0.3)
         place = driver.client.position()
