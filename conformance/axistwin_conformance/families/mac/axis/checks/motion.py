@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
@@ -36,6 +38,8 @@ TABLE: Final = (
     (40, 0x80),
 )  # fmt: skip
 LONG_TABLE: Final = ((1000, 1), (1000, 10), (10000, 10))
+LONG_WAYS: Final = (0x8000, 0x10000, 0x1000000)  # increments at full speed
+ASIDE: Final = 2000  # increments: ramps, and what an axis goes on while its stop is under way
 FIRST_TARGET_OUT_OF_RANGE: Final = 0x40000000
 RESUMES_S: Final = 0.45  # longer than anything that is late and still belongs to one command
 
@@ -89,6 +93,36 @@ def long_moves_take_the_time_of_the_closed_form(session: Session) -> None:
         driver.motion.watch(
             driver.motion.go(start), ("MACS-CMD-13-01", "MACS-CMD-13-05"), samples=12
         )
+
+
+@check("MACS-CMD-15-01", "MACS-CMD-13-01", safety=MOVES, level="full")
+def long_ways_are_counted_in_full(session: Session) -> None:
+    """Endless motion goes on at full speed, and a move comes back, over more increments than 15
+    bits count, and 16 bits; in virtual time 24 bits."""
+    driver = driver_of(session)
+    driver.limits.needs_room(LONG_WAYS[0] + ASIDE, "motions that no counter of 15 bits holds")
+    start = driver.motion.ready(driver.limits.slowed(800), 1)
+    ways = LONG_WAYS if session.transport.is_virtual else LONG_WAYS[:2]
+    ways = tuple(way for way in ways if driver.limits.fits(start + way + ASIDE))
+    if len(ways) < 2:
+        needed = -(-(LONG_WAYS[1] + ASIDE) * 8 // 7)
+        why = OutsideEnvelope("motions that none of 16 bits holds", "--max-travel", needed)
+        session.not_run(None, why.reason)
+    _go_far(driver, driver.motion.turn(1, driver.motion.period), ways, "MACS-CMD-15-01")
+    driver.motion.at_rest()
+    target = min(start, driver.client.position() - max(ways) - ASIDE // 2)
+    forecast = driver.motion.go(target)
+    _go_far(driver, forecast, ways, "MACS-CMD-13-01")
+    driver.motion.watch(forecast, "MACS-CMD-13-01", samples=2)
+
+
+def _go_far(driver: AxisDriver, forecast: Forecast, ways: Sequence[int], name: str) -> None:
+    """Judge where the axis is each time that so many increments at full speed are surely over."""
+    period = driver.motion.period
+    for way in ways:
+        cruised_ns = (way + 2 * 240 + ASIDE // 4) * period * TICK_NS
+        driver.client.wait_until(forecast.timelines[0].start_ns + cruised_ns)
+        driver.motion.follow(forecast, name, driver.limits.allowance(period))
 
 
 @check("MACS-CMD-0D-01", "MACS-CMD-13-01", safety=MOVES, level="full")
