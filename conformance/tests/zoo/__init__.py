@@ -15,6 +15,7 @@ from zoo import (
     interpolation,
     motion,
     persistence,
+    phases,
     queries,
     replies,
     stops,
@@ -24,7 +25,7 @@ from zoo.mutant import Mutant
 
 FAMILIES = (
     framing, replies, commands, queries, motion, interpolation, stops, sync, persistence, inputs,
-    faults, edges, effects,
+    faults, edges, effects, phases,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(
