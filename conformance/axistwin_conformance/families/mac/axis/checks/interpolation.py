@@ -96,7 +96,7 @@ def segments_run_at_their_own_constant_speed(session: Session) -> None:
     many = max(40, min(200, 8 * driver.client.target.uncertainty_ns // (slow * TICK_NS)))
     for steps, period, coefficient in (
         (250, fast, 1),  # more than two ramps of 0Fh
-        (back(driver, 150), medium, 0),
+        (back(driver, 200), medium, 0),
         (many, slow, 50),
     ):
         start = driver.motion.ready(0x4000, coefficient)

@@ -138,8 +138,8 @@ def speed_changes_follow_the_closed_form(session: Session) -> None:
             driver.judge.accepted(0x15, 0, requirement="MACS-CMD-15-04").taken
         )
         driver.motion.watch(forecast, "MACS-CMD-15-04", samples=3)
-    for coefficient, index in ((1, 0x17), (2, 0x15)):
-        _stopped_and_going_on(driver, index, coefficient, first)
+        if coefficient:
+            _stopped_and_going_on(driver, 0x17 if coefficient == 1 else 0x15, coefficient, first)
 
 
 def _stopped_and_going_on(driver: AxisDriver, index: int, coefficient: int, period: int) -> None:
