@@ -28,6 +28,7 @@ FAR: Final = 100_000  # increments: a stop that is never reached
 FARTHEST: Final = 160  # increments that a check here waits for
 RAMP_COEFFICIENT: Final = 3
 RAMP: Final = ramp_increments(RAMP_COEFFICIENT)
+ASIDE: Final = 40  # increments
 STOP_ON_RAMP: Final = RAMP + 200  # increments: before the end of a ramp down that begins behind one
 SUPERIOR, INFERIOR = 0x02, 0x01  # bits of ff
 
@@ -112,14 +113,19 @@ def _synchronised(driver: AxisDriver, target: int) -> None:
 
 
 def enable_stop(
-    driver: AxisDriver, side: SoftwareStop, distance: int, mode: int = 8, coefficient: int = 0
+    driver: AxisDriver,
+    side: SoftwareStop,
+    distance: int,
+    mode: int = 8,
+    settings: tuple[int, int] = (PERIOD, 0),
 ) -> int:
-    """Put the stop of one side `distance` increments ahead, the other one far; give the start."""
+    """Put the stop of one side `distance` increments ahead, the other one far, and set a period and
+    a ramp; give the start."""
     if driver.readings.known("ff_lifetime") == 2:  # only a restart clears ff on this device
         driver.motion.at_rest()
         driver.client.command(0x00)
         driver.motion.wait_awake()
-    start = driver.motion.ready(PERIOD, coefficient)
+    start = driver.motion.ready(*settings)
     other = 0x0A if side.index == 0x09 else 0x09
     driver.judge.accepted(side.index, start + side.direction * distance)
     driver.motion.keep_off(other, start - side.direction * FAR)
@@ -373,8 +379,9 @@ def software_stops_are_watched_while_the_axis_slows_down(session: Session) -> No
     """A software stop ends a motion on the ramp of 17h, and on that which leads to a target."""
     driver = driver_of(session)
     driver.limits.needs_room(3 * RAMP, "a ramp, full speed and a ramp again")
+    period = driver.limits.outlasting(STOP_ON_RAMP - RAMP - ASIDE, PERIOD)
     for side, is_stopped in ((SIDES[0], True), (SIDES[1], False)):
-        start = enable_stop(driver, side, STOP_ON_RAMP, 8, RAMP_COEFFICIENT)
+        start = enable_stop(driver, side, STOP_ON_RAMP, settings=(period, RAMP_COEFFICIENT))
         if is_stopped:
             _stop_before(driver, STOP_ON_RAMP)
         else:
@@ -398,7 +405,7 @@ def _stop_before(driver: AxisDriver, distance: int) -> None:
     period, law = driver.motion.period, driver.readings.law_of(RAMP_COEFFICIENT)
     climb_ticks = Course.endless(period, RAMP_COEFFICIENT, law).profile.ticks_of(RAMP)
     begun = driver.judge.accepted(0x15, velocity(1, period)).taken
-    driver.client.wait_until(begun.latest_ns + (climb_ticks + 40 * period) * TICK_NS)
+    driver.client.wait_until(begun.latest_ns + (climb_ticks + ASIDE * period) * TICK_NS)
     stop = driver.judge.accepted(0x17)
     met_ns = begun.earliest_ns + (climb_ticks + (distance - RAMP) * period) * TICK_NS
     driver.motion.taken_in_time(stop, met_ns, "the way to the stop")
