@@ -16,6 +16,7 @@ from zoo import (
     interpolation,
     motion,
     persistence,
+    phases,
     queries,
     replies,
     stops,
@@ -25,7 +26,7 @@ from zoo.mutant import Mutant
 
 FAMILIES = (
     framing, replies, commands, queries, motion, interpolation, stops, sync, persistence, inputs,
-    faults, edges, effects, aftermath,
+    faults, edges, effects, aftermath, phases,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(

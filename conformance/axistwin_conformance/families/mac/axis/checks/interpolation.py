@@ -8,7 +8,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
+from axistwin_conformance.families.mac.axis.driver.motion import FIFO_STAGES, segment_parameter
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
@@ -30,6 +30,7 @@ ORDER = 140  # of this module in a run; see `Family.modules`
 
 SURELY_EMPTY_NS: Final = 1_000_000_000  # after the end of all that was put there
 SWINGING_NS: Final = 2_000_000  # of a time that two exchanges straddle
+MANY: Final = 0x102  # steps of FFFFh: 2.1 s
 
 
 def plain(session: Session) -> AxisDriver:
@@ -94,8 +95,8 @@ def segments_run_at_their_own_constant_speed(session: Session) -> None:
     # So many that a quarter more shows beside an exchange that takes long.
     many = max(40, min(200, 8 * driver.client.target.uncertainty_ns // (slow * TICK_NS)))
     for steps, period, coefficient in (
-        (200, fast, 5),
-        (back(driver, 150), medium, 0),
+        (250, fast, 1),  # more than two ramps of 0Fh
+        (back(driver, 200), medium, 0),
         (many, slow, 50),
     ):
         start = driver.motion.ready(0x4000, coefficient)
@@ -145,6 +146,18 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
     )
 
 
+@check("MACS-CMD-1E-01", safety=MOVES, level="full")
+def a_segment_behind_virtual_ones_begins_on_time(session: Session) -> None:
+    """Behind one virtual segment of few long steps and one of more than 2 s, which no counter of 24
+    bits holds, a segment begins when all their ticks are over."""
+    driver = plain(session)
+    few = driver.limits.segment(4, SLOWEST, moves=False)
+    for pauses in ((few, Segment(2, SLOWEST, moves=False)), (Segment(MANY, SLOWEST, moves=False),)):
+        start = driver.motion.ready(0x1000)
+        row = [*pauses, Segment(100, driver.motion.period)]
+        driver.motion.watch(driver.motion.feed(start, *row), samples=12)
+
+
 @check("MACS-CMD-16-01", "MACS-CMD-1E-01", "MACS-CMD-16-02", safety=MOVES)
 def segments_follow_one_another_without_a_gap(session: Session) -> None:
     """A long row, fed whenever the FIFO takes one, ends at the sum of its ticks: no drift."""
@@ -190,7 +203,9 @@ def when_the_fifo_runs_empty_the_axis_rests(session: Session) -> None:
     segment = Segment(30, driver.limits.slowed(0x2000))
     driver.judge.again(fifo_underrun, "MACS-CMD-16-01")
     start = driver.client.position()
-    for _ in range(0 if driver.readings.known("fifo_underrun") else 3):
+    for number in range(0 if driver.readings.known("fifo_underrun") else 3):
+        if number == 1:  # a segment powers the motor, as any motion
+            driver.judge.accepted(0x1A)
         exchange = driver.judge.must(ReplyKind.ACCEPTED, put(driver, segment))
         forecast = driver.motion.to_segments(exchange, start, segment)
         place = driver.motion.watch(forecast, "MACS-CMD-16-01", samples=2)
@@ -264,6 +279,23 @@ def a_hard_stop_empties_the_fifo(session: Session) -> None:
 
 @check("MACS-CMD-16-02", safety=MOVES, level="full")
 def segments_sent_during_a_move(session: Session) -> None:
-    """16h during 13h is stored and runs when the axis rests, or is refused, or takes over."""
+    """16h during 13h is stored and runs when the axis rests, or is refused, or takes over; three
+    are stored there too, and what is refused never runs."""
     driver = plain(session)
     driver.judge.again(interp_during_profile)
+    if driver.readings.known("interp_during_profile"):
+        return
+    start = driver.motion.ready(driver.limits.outlasting(100, 0x2000, exchanges=7))
+    target = start + driver.limits.way_outlasting(100, driver.motion.period, 7)
+    end = driver.motion.go(target).end
+    assert end is not None
+    segment = Segment(back(driver, 5), driver.limits.slowed(0x1000))
+    row = [put(driver, segment) for _ in range(FIFO_STAGES + 2)]
+    driver.motion.taken_in_time(row[-1], end.earliest_ns, "the move")
+    for number, exchange in enumerate(row):
+        kind = ReplyKind.ACCEPTED if number < FIFO_STAGES else ReplyKind.REFUSED
+        driver.judge.must(kind, exchange, "MACS-CMD-16-02")
+    driver.client.wait_until(end.latest_ns + len(row) * segment.duration_ns + SURELY_EMPTY_NS // 5)
+    place, wanted = driver.client.position(), target + FIFO_STAGES * segment.steps
+    session.expect(place == wanted, None, f"at {wanted}, behind {FIFO_STAGES} segments", place)
+    driver.motion.at_rest()

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
+from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
@@ -14,6 +16,7 @@ from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, dri
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     RAMP_LEVELS,
     TICK_NS,
@@ -35,8 +38,11 @@ TOLD: Final = {True: "busy", False: "not busy"}
 BUSY: Final = 0x08  # of byte cc of 27h: 0 while busy
 TABLE: Final = (
     (1, 1), (2, 1), (3, 1), (10, 1), (100, 1), (239, 1), (240, 1), (241, 1), (479, 2), (481, 2),
+    (40, 0x80),
 )  # fmt: skip
 LONG_TABLE: Final = ((1000, 1), (1000, 10), (10000, 10))
+LONG_WAYS: Final = (0x8000, 0x10000, 0x1000000)  # increments at full speed
+ASIDE: Final = 2000  # increments: ramps, and what an axis goes on while its stop is under way
 FIRST_TARGET_OUT_OF_RANGE: Final = 0x40000000
 RESUMES_S: Final = 0.45  # longer than anything that is late and still belongs to one command
 
@@ -66,6 +72,8 @@ def moves_take_the_time_of_the_closed_form(session: Session) -> None:
     for distance, coefficient in TABLE[:: 1 if session.transport.is_virtual else 2]:
         for direction in (1, -1) if session.transport.is_virtual else (1 if distance & 1 else -1,):
             start = driver.motion.ready(slow(session), coefficient)
+            if coefficient == 2:  # a move that has to power the motor has its ramp as well
+                driver.judge.accepted(0x1A)
             forecast = driver.motion.go(start + direction * distance)
             driver.motion.watch(
                 forecast,
@@ -90,6 +98,36 @@ def long_moves_take_the_time_of_the_closed_form(session: Session) -> None:
         driver.motion.watch(
             driver.motion.go(start), ("MACS-CMD-13-01", "MACS-CMD-13-05"), samples=12
         )
+
+
+@check("MACS-CMD-15-01", "MACS-CMD-13-01", safety=MOVES, level="full")
+def long_ways_are_counted_in_full(session: Session) -> None:
+    """Endless motion goes on at full speed, and a move comes back, over more increments than 15
+    bits count, and 16 bits; in virtual time 24 bits."""
+    driver = driver_of(session)
+    driver.limits.needs_room(LONG_WAYS[0] + ASIDE, "motions that no counter of 15 bits holds")
+    start = driver.motion.ready(driver.limits.slowed(800), 1)
+    most = None if session.transport.is_virtual else 2
+    ways = [way for way in LONG_WAYS[:most] if driver.limits.fits(start + way + ASIDE)]
+    if len(ways) < 2:
+        needed = -(-(LONG_WAYS[1] + ASIDE) * 8 // 7)
+        why = OutsideEnvelope("motions that none of 16 bits holds", "--max-travel", needed)
+        session.not_run(None, why.reason)
+    _go_far(driver, driver.motion.turn(1, driver.motion.period), ways, "MACS-CMD-15-01")
+    driver.motion.at_rest()
+    target = min(start, driver.client.position() - max(ways) - ASIDE // 2)
+    forecast = driver.motion.go(target)
+    _go_far(driver, forecast, ways, "MACS-CMD-13-01")
+    driver.motion.watch(forecast, "MACS-CMD-13-01", samples=2)
+
+
+def _go_far(driver: AxisDriver, forecast: Forecast, ways: Sequence[int], name: str) -> None:
+    """Judge where the axis is each time that so many increments at full speed are surely over."""
+    period = driver.motion.period
+    for way in ways:
+        cruised_ns = (way + 2 * 240 + ASIDE // 4) * period * TICK_NS
+        driver.client.wait_until(forecast.timelines[0].start_ns + cruised_ns)
+        driver.motion.follow(forecast, name, driver.limits.allowance(period))
 
 
 @check("MACS-CMD-0D-01", "MACS-CMD-13-01", safety=MOVES, level="full")
@@ -343,9 +381,22 @@ def _busy_words(admissible: set[bool], least: int, most: int, tolerance: int) ->
 # --- stops ---------------------------------------------------------------------------------------
 
 
-@check("MACS-CMD-17-01", safety=MOVES)
+def locked_on_the_way_down(driver: AxisDriver, stopped: Forecast) -> None:
+    """Judge that 13h is refused while a ramped stop slows the axis down, if there is time for it
+    on this line: to the place where the axis will come to rest, for a module that takes it."""
+    end, now_ns = stopped.end, driver.client.target.now_ns
+    assert end is not None
+    if end.earliest_ns - now_ns < 2 * driver.client.target.uncertainty_ns:
+        return
+    exchange = driver.client.command(0x13, stopped.final[0])
+    driver.motion.taken_in_time(exchange, end.earliest_ns, "the motion")
+    driver.judge.must(ReplyKind.REFUSED, exchange, ("MACS-CMD-13-02", "MACS-STATE-01"))
+
+
+@check("MACS-CMD-17-01", "MACS-CMD-13-02", "MACS-STATE-01", safety=MOVES)
 def a_ramped_stop_in_full_motion_takes_one_ramp(session: Session) -> None:
-    """17h in cruise comes to rest one ramp further on, on the ramp, and stays there."""
+    """17h in cruise comes to rest one ramp further on, on the ramp, and stays there; until then
+    the axis counts as running."""
     driver = driver_of(session)
     driver.limits.needs_room(4 * ramp_increments(1) + 400, "a ramp, full speed and a ramp again")
     for coefficient in (1, 3):
@@ -357,6 +408,7 @@ def a_ramped_stop_in_full_motion_takes_one_ramp(session: Session) -> None:
         cruise_ns = (240 * coefficient + 150) * driver.motion.period * TICK_NS
         driver.client.wait_until(forecast.timelines[0].start_ns + cruise_ns)
         stopped = forecast.stopped(driver.judge.accepted(0x17).taken)
+        locked_on_the_way_down(driver, stopped)
         driver.motion.watch(stopped, "MACS-CMD-17-01", samples=4)
         driver.client.wait(0.3)
         place = driver.client.position()
@@ -405,13 +457,20 @@ def a_ramped_stop_while_slowing_down_changes_nothing(session: Session) -> None:
 
 @check("MACS-CMD-18-01", "MACS-CMD-18-03", safety=MOVES)
 def a_hard_stop_stops_where_the_axis_is(session: Session) -> None:
-    """18h ends a move without ramp at a valid position; nothing resumes, the next move is exact."""
+    """18h ends a move, or an endless motion, without ramp at a valid position, even on the way down
+    from it; nothing resumes, the next move is exact."""
     driver = driver_of(session)
-    for coefficient, moving_s in ((0, 0.0), (0, 0.12), (2, 0.12)):
-        way = min(1500, driver.limits.room())
-        start = driver.motion.ready(driver.limits.outlasting(way, SAFE_PERIOD), coefficient)
-        forecast = driver.motion.go(start + way)
+    rows = (("13h", 0, 0.0), ("13h", 0, 0.12), ("13h", 2, 0.12), ("15h", 2, 0.12), ("17h", 2, 0.12))
+    for name, coefficient, moving_s in rows:
+        way, is_move = min(1500, driver.limits.room()), name == "13h"
+        period = driver.limits.outlasting(way, SAFE_PERIOD)
+        if not is_move:
+            period = driver.limits.gentle(period, 0.4)
+        start = driver.motion.ready(period, coefficient)
+        forecast = driver.motion.go(start + way) if is_move else driver.motion.turn(1, period)
         driver.client.wait(moving_s)
+        if name == "17h":
+            forecast = forecast.stopped(driver.judge.accepted(0x17).taken)
         halted = forecast.halted(driver.judge.accepted(0x18).taken)
         lowest, highest = halted.final
         braking = driver.limits.braking(driver.motion.period)
@@ -427,7 +486,9 @@ def a_hard_stop_stops_where_the_axis_is(session: Session) -> None:
         session.expect(
             again == place, ("MACS-CMD-18-01", "MACS-CMD-18-03"), f"at rest at {place}", again
         )
-        driver.judge.reading("busy_after_abort", int(driver.status.is_busy()), "MACS-CMD-18-03")
+        if is_move:  # the others have no target to be away from
+            is_busy = driver.status.is_busy()
+            driver.judge.reading("busy_after_abort", int(is_busy), "MACS-CMD-18-03")
         if moving_s:
             driver.judge.accepted(0x0F, coefficient, requirement="MACS-CMD-18-01")
         driver.motion.finish(driver.motion.go(start), "MACS-CMD-18-01")
@@ -447,18 +508,24 @@ def a_hard_stop_at_rest_does_nothing(session: Session) -> None:
 def power_off_ends_a_motion(session: Session) -> None:
     """1Ah in motion is accepted; the axis comes to rest, unlocked, and does not resume."""
     driver = driver_of(session)
-    start = driver.motion.ready(SLOWEST)
-    forecast = driver.motion.go(start + 100)
-    driver.client.wait(0.2)
-    off = driver.judge.accepted(0x1A)
-    driver.client.wait(0.5)
-    place = driver.client.position()
-    lowest, _ = forecast.bounds(off.taken)
-    session.expect(
-        lowest <= place < start + 100, None, f"coasting from {lowest}, not driven on", place
-    )
-    driver.client.wait(0.3)
-    session.expect(
-        driver.client.position() == place, None, f"at rest at {place}", driver.client.position()
-    )
-    driver.judge.accepted(0x0F, 0)
+    segment = driver.limits.segment(50, SLOWEST)
+    for name in ("13h", "15h", "16h"):
+        start = driver.motion.ready(SLOWEST)
+        if name == "13h":
+            forecast = driver.motion.go(start + 100)
+        elif name == "15h":
+            forecast = driver.motion.turn(1, SLOWEST)
+        else:  # the second one has not begun when the power goes
+            forecast = driver.motion.feed(start, segment, segment)
+        driver.client.wait(0.2)
+        off = driver.judge.accepted(0x1A)
+        driver.client.wait(0.5)
+        place = driver.client.position()
+        lowest, _ = forecast.bounds(off.taken)
+        within = f"coasting from {lowest}, where 1Ah met a motion of {name}, not driven on"
+        session.expect(lowest <= place < start + 2 * segment.steps, None, within, place)
+        driver.client.wait(0.3)
+        session.expect(
+            driver.client.position() == place, None, f"at rest at {place}", driver.client.position()
+        )
+        driver.judge.accepted(0x0F, 0)

@@ -17,7 +17,7 @@ from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Segment
-from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
+from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, Course, ramp_increments
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.axis.words import pace_words
 
@@ -26,6 +26,10 @@ ORDER = 160  # of this module in a run; see `Family.modules`
 PERIOD: Final = 0x1000
 FAR: Final = 100_000  # increments: a stop that is never reached
 FARTHEST: Final = 160  # increments that a check here waits for
+RAMP_COEFFICIENT: Final = 3
+RAMP: Final = ramp_increments(RAMP_COEFFICIENT)
+ASIDE: Final = 40  # increments
+STOP_ON_RAMP: Final = RAMP + 200  # increments: before the end of a ramp down that begins behind one
 SUPERIOR, INFERIOR = 0x02, 0x01  # bits of ff
 
 
@@ -58,6 +62,19 @@ MOTION_COMMANDS: Final[Mapping[str, Callable[[AxisDriver, int, int], None]]] = {
         driver, 0x16, segment_parameter(140 * sign, driver.motion.period)
     ),
     "10h 13h 11h": lambda driver, start, sign: _synchronised(driver, start + 140 * sign),
+    "15h 15h": lambda driver, start, sign: _changed(driver, sign),
+    "16h 15h": lambda driver, start, sign: _taken_over(driver, sign),
+    "13h 16h": lambda driver, start, sign: _behind_a_move(driver, start + 30 * sign, sign),
+}
+# What a device must not read otherwise than by default, or some of these do not pass the stop: to
+# either side, and downwards.
+PASSES: Final = {"16h 15h": ("vel_during_interp",), "13h 16h": ("interp_during_profile",)}
+PASSES_DOWN: Final = {
+    "15h": ("vel_f6_direction",),
+    "15h 15h": ("vel_f6_direction",),
+    "16h": ("segment_signed",),
+    "16h 15h": ("segment_signed",),
+    "13h 16h": ("segment_signed",),
 }
 
 
@@ -65,10 +82,28 @@ def _send(driver: AxisDriver, index: int, parameter: int) -> None:
     driver.judge.accepted(index, parameter)
 
 
-def _cannot_go_down(driver: AxisDriver, name: str) -> bool:
-    """True where the device's readings of AMB-07 and -38 leave no way to count down."""
-    switch = {"15h": "vel_f6_direction", "16h": "segment_signed"}.get(name)
-    return switch is not None and driver.readings.known(switch) == 1
+def _passes(driver: AxisDriver, side: SoftwareStop, name: str) -> bool:
+    """True where the device's readings let that motion pass a stop on that side."""
+    switches = PASSES.get(name, ()) + (PASSES_DOWN.get(name, ()) if side.direction < 0 else ())
+    return not any(driver.readings.known(switch) for switch in switches)
+
+
+def _changed(driver: AxisDriver, sign: int) -> None:
+    """15h so slow that the stop is not met before the next one, which is as fast as the others."""
+    for period in (SLOWEST, driver.motion.period):
+        _send(driver, 0x15, velocity(sign, period))
+
+
+def _taken_over(driver: AxisDriver, sign: int) -> None:
+    """The same, where the slow motion is a segment."""
+    _send(driver, 0x16, segment_parameter(140 * sign, SLOWEST))
+    _send(driver, 0x15, velocity(sign, driver.motion.period))
+
+
+def _behind_a_move(driver: AxisDriver, target: int, sign: int) -> None:
+    """A move that ends before the stop, and a segment that waits for its end."""
+    _send(driver, 0x13, target)
+    _send(driver, 0x16, segment_parameter(110 * sign, driver.motion.period))
 
 
 def _synchronised(driver: AxisDriver, target: int) -> None:
@@ -77,13 +112,20 @@ def _synchronised(driver: AxisDriver, target: int) -> None:
     driver.judge.accepted(0x11)
 
 
-def enable_stop(driver: AxisDriver, side: SoftwareStop, distance: int, mode: int = 8) -> int:
-    """Put the stop of one side `distance` increments ahead, the other one far; give the start."""
+def enable_stop(
+    driver: AxisDriver,
+    side: SoftwareStop,
+    distance: int,
+    mode: int = 8,
+    settings: tuple[int, int] = (PERIOD, 0),
+) -> int:
+    """Put the stop of one side `distance` increments ahead, the other one far, and set a period and
+    a ramp; give the start."""
     if driver.readings.known("ff_lifetime") == 2:  # only a restart clears ff on this device
         driver.motion.at_rest()
         driver.client.command(0x00)
         driver.motion.wait_awake()
-    start = driver.motion.ready(PERIOD)
+    start = driver.motion.ready(*settings)
     other = 0x0A if side.index == 0x09 else 0x09
     driver.judge.accepted(side.index, start + side.direction * distance)
     driver.motion.keep_off(other, start - side.direction * FAR)
@@ -179,12 +221,13 @@ def _overrun_seen(
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES)
 def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
-    """13h, 15h, 16h and 11h end on the first increment beyond a software stop; byte ff of 21h names
-    the stop, and motion is not locked."""
+    """13h, 15h, 16h and 11h, a 15h in motion and a segment that waits for the end of a move end on
+    the first increment beyond a software stop; byte ff of 21h names the stop, and motion is not
+    locked."""
     driver = driver_of(session)
     for side in SIDES:
         for name, move in MOTION_COMMANDS.items():
-            if side.direction < 0 and _cannot_go_down(driver, name):
+            if not _passes(driver, side, name):
                 continue
             if not session.transport.is_virtual and side.direction < 0 and name != "13h":
                 continue  # the other side has shown every way; here the time is real
@@ -208,7 +251,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
             fitting = [number for number in (0, 1) if least + 1 - number <= place <= most - number]
             driver.judge.reading("soft_stop_compare", tuple(fitting), side.requirements)
             _judge_bits(driver, side, name)
-            if "13h" in name:  # the others have no target to be away from
+            if name.startswith("10h") or name == "13h":  # the others have no target to be away from
                 driver.judge.reading(
                     "busy_after_abort", int(driver.status.is_busy()), side.requirements
                 )
@@ -265,7 +308,7 @@ def a_software_stop_drops_the_stored_segments(session: Session) -> None:
 def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -> None:
     """Of two software stops in the way of a row of segments, the first one ends it for good."""
     driver = driver_of(session)
-    if _cannot_go_down(driver, "16h"):
+    if not _passes(driver, SIDES[1], "16h"):
         session.skip("DDDD has no sign on this device: segments do not turn round")
     for side, other in (SIDES, SIDES[::-1]):
         near = driver.limits.way_outlasting(20, SLOWEST, 3)
@@ -304,7 +347,8 @@ def on_a_software_stop_nothing_ends(session: Session) -> None:
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-CMD-03-01", safety=MOVES, level="full")
 def software_stops_work_only_when_enabled(session: Session) -> None:
-    """With 03h at 0 or 1 the axis passes both software stops, and no bit is set."""
+    """With 03h at 0 or 1 the axis passes both software stops, and no bit is set; at 9 they end the
+    motion."""
     driver = driver_of(session)
     for side in SIDES:
         for mode in (0, 1):
@@ -317,6 +361,55 @@ def software_stops_work_only_when_enabled(session: Session) -> None:
                 "no software stop in ff",
                 f"{ff:02X}",
             )
+        start = enable_stop(driver, side, 20, 9)
+        driver.judge.accepted(0x13, start + 60 * side.direction)
+        place = (_rest(driver) - start) * side.direction
+        most = 21 + driver.limits.braking(driver.motion.period)
+        session.expect(
+            20 <= place <= most,
+            ("MACS-CMD-03-01", side.requirements[0]),
+            f"at rest 20..{most} increments on: the stop is 20 ahead, and 03h = 9 enables it",
+            place,
+        )
+        driver.judge.accepted(0x03, 0)
+
+
+@check("MACS-STOP-03", "MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES, level="full")
+def software_stops_are_watched_while_the_axis_slows_down(session: Session) -> None:
+    """A software stop ends a motion on the ramp of 17h, and on that which leads to a target."""
+    driver = driver_of(session)
+    driver.limits.needs_room(3 * RAMP, "a ramp, full speed and a ramp again")
+    period = driver.limits.outlasting(STOP_ON_RAMP - RAMP - ASIDE, PERIOD)
+    for side, is_stopped in ((SIDES[0], True), (SIDES[1], False)):
+        start = enable_stop(driver, side, STOP_ON_RAMP, settings=(period, RAMP_COEFFICIENT))
+        if is_stopped:
+            _stop_before(driver, STOP_ON_RAMP)
+        else:
+            way = STOP_ON_RAMP + RAMP // 2
+            driver.judge.accepted(0x13, start + way * side.direction)
+            driver.client.wait(driver.motion.lasting_s(way + 2 * RAMP))
+        place = (_rest(driver) - start) * side.direction
+        most = STOP_ON_RAMP + 1 + driver.limits.braking(driver.motion.period)
+        session.expect(
+            STOP_ON_RAMP <= place <= most,
+            side.requirements,
+            f"at rest {STOP_ON_RAMP}..{most} increments on: the stop is {STOP_ON_RAMP} ahead",
+            place,
+        )
+        _judge_bits(driver, side, "enabled")
+        driver.judge.accepted(0x03, 0)
+
+
+def _stop_before(driver: AxisDriver, distance: int) -> None:
+    """15h, and 17h so near before that distance that its ramp leads beyond it."""
+    period, law = driver.motion.period, driver.readings.law_of(RAMP_COEFFICIENT)
+    climb_ticks = Course.endless(period, RAMP_COEFFICIENT, law).profile.ticks_of(RAMP)
+    begun = driver.judge.accepted(0x15, velocity(1, period)).taken
+    driver.client.wait_until(begun.latest_ns + (climb_ticks + ASIDE * period) * TICK_NS)
+    stop = driver.judge.accepted(0x17)
+    met_ns = begun.earliest_ns + (climb_ticks + (distance - RAMP) * period) * TICK_NS
+    driver.motion.taken_in_time(stop, met_ns, "the way to the stop")
+    driver.client.wait(driver.motion.lasting_s(2 * RAMP))
 
 
 @check("MACS-CMD-09-02", "MACS-CMD-0A-02", "MACS-STOP-03", safety=MOVES, level="full")

@@ -6,11 +6,12 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.checks.motion import locked_on_the_way_down
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import as_velocity, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
-from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
+from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, ramp_increments
 from axistwin_conformance.families.mac.axis.probes.motion import (
     vel_change_law,
     vel_f6_direction,
@@ -60,6 +61,8 @@ def velocity_climbs_and_cruises_on_time(session: Session) -> None:
     for direction, period, coefficient in ((1, 0x1000, 1), (-1, 0x0640, 2), (1, 0x4000, 0)):
         driver.motion.ready(0x0777, coefficient)
         period = driver.limits.gentle(period, 0.4)
+        if direction < 0:  # 15h powers the motor, as any motion
+            driver.judge.accepted(0x1A)
         forecast = driver.motion.turn(direction, period)
         for _ in range(6 if session.transport.is_virtual else 3):
             driver.client.wait(0.06)
@@ -135,11 +138,39 @@ def speed_changes_follow_the_closed_form(session: Session) -> None:
             driver.judge.accepted(0x15, 0, requirement="MACS-CMD-15-04").taken
         )
         driver.motion.watch(forecast, "MACS-CMD-15-04", samples=3)
+        if coefficient:
+            _stopped_and_going_on(driver, 0x17 if coefficient == 1 else 0x15, coefficient, first)
 
 
-@check("MACS-CMD-15-04", "MACS-CMD-17-01", safety=MOVES, level="full")
+def _stopped_and_going_on(driver: AxisDriver, index: int, coefficient: int, period: int) -> None:
+    """17h, or 15h with 0000, and on the way down another 15h: the motion goes on at that speed."""
+    length = ramp_increments(coefficient)
+    period = driver.limits.outlasting(length, period)
+    driver.motion.ready(0x0800, coefficient)
+    forecast = driver.motion.turn(1, period)
+    driver.client.wait(driver.motion.lasting_s(length, period))  # half-way up, in time
+    forecast = forecast.stopped(driver.judge.accepted(index).taken)
+    again = driver.judge.accepted(0x15, velocity(1, period), requirement="MACS-CMD-15-02")
+    assert forecast.end is not None
+    driver.motion.taken_in_time(again, forecast.end.earliest_ns, "the motion")
+    forecast = forecast.changed(again.taken, period)
+    for _ in range(3):
+        driver.client.wait(0.15)
+        driver.motion.follow(forecast, "MACS-CMD-15-02", driver.limits.allowance(period))
+    driver.motion.at_rest()
+
+
+@check(
+    "MACS-CMD-15-04",
+    "MACS-CMD-17-01",
+    "MACS-CMD-13-02",
+    "MACS-STATE-01",
+    safety=MOVES,
+    level="full",
+)
 def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
-    """15h with 0000, and 17h, bring endless motion to rest one ramp further on."""
+    """15h with 0000, and 17h, bring endless motion to rest one ramp further on; until then it
+    counts as running."""
     driver = driver_of(session)
     for direction, coefficient in ((1, 1), (-1, 2)):
         for index, name in ((0x15, "MACS-CMD-15-04"), (0x17, "MACS-CMD-17-01")):
@@ -150,6 +181,7 @@ def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
             parameter = velocity(-direction, 0) if index == 0x15 else 0
             stop = driver.judge.accepted(index, parameter, requirement=name)
             stopped = forecast.stopped(stop.taken)
+            locked_on_the_way_down(driver, stopped)
             place = driver.motion.watch(stopped, name, samples=3)
             driver.client.wait(0.2)
             session.expect(
