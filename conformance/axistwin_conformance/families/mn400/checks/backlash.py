@@ -210,7 +210,7 @@ def arcs_and_contours_are_compensated_before_they_begin(session: Session) -> Non
         for lash, arc, back in (
             (ALL, f"A{around},1", "M0,50"), (ALL, f"A{around},-1", "M0,50"),
             (ALL, "A0,-50,-35,-15,-1", "M0,50"),  # its end is off the circle
-            (few, "+-50,0,-100,0,1,-60,1", "M0,50"), (few, "+-50,0,-100,0,1,60,1", "M0,-50"),
+            (few, "+-50,0,-100,0,1,-60,1", "M0,50"), (few, "+-50,0,-100,0,1,1,1", "M0,-50"),
         ):  # fmt: skip
             motion.ready(lash, speed=SLOW)
             motion.run(arc, "MN4-BKL-06")
