@@ -233,6 +233,21 @@ def a_thread_takes_twice_its_pulses(patch: MonkeyPatch) -> None:
 
 
 @board_mutant("MN4-THR-01")
+def a_thread_takes_pulses_for_its_backlash(patch: MonkeyPatch) -> None:
+    """As many as the steps of the compensation before it: it ends so many pulses later."""
+
+    def act(go: Any_, now: int, settings: MoveSettings, way: Any, pulses: int, offset: int) -> Any:
+        turns = [
+            lash
+            for lash, by, was in zip(settings.lash, way, settings.lash_memory, strict=True)
+            if by * was < 0
+        ]
+        return go(now, settings, way, pulses + max(turns, default=0), offset)
+
+    plans(patch, "thread", act)
+
+
+@board_mutant("MN4-THR-01")
 def pulses_are_counted_twice_at_a_high_rate(patch: MonkeyPatch) -> None:
     """Both edges, above 2000 a second: a thread is over in half its time."""
 

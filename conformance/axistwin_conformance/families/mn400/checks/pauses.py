@@ -34,6 +34,7 @@ RAMPED: Final = (500, 5000, 5000)  # a profile by which M2000 at V3000 takes 1.1
 # What runs with that, and when } comes: on the ramp up, at speed, on the ramp down.
 UNPAUSED: Final = ((("M2000",), (0.2, 0.5, 0.8)), (("(", "M1000,-30", "M1000,30", ")"), (0.3, 0.8)))
 BRAKING: Final = (100, 1000, 1000)  # by which a pause at 0.6 s brakes for as long
+MULTIPLEXED: Final = ("(", "M500,-50", "M500", ")")  # of which the second segment alone has none
 SLOW, FEW = 2, 2  # steps/s and steps of a move whose steps are far from one another
 # What is set while something at V1000 is paused: speeds below and above, a lower end speed.
 SLOWER, FASTER, LOWER = "V500", "V3000", "F400,500,1000"
@@ -142,7 +143,7 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
     motion.needs_room(1500, "these motions")
     for text, lasts_s in PAUSED:
         for _ in range(4 if session.transport.is_virtual else 1):
-            motion.ready(speed=motion.fast(2500))
+            motion.ready("X2", speed=motion.fast(2500))
             motion.do(text, "MN4-CMD-PAU-02")
             wanted = motion.end
             for _ in range(session.random.randint(1, MOST_PAUSES)):
@@ -198,12 +199,14 @@ def pauses_end_as_they_should(session: Session) -> None:
 
 @check("MN4-CMD-PAU-02", "MN4-CMD-Q-01", "MN4-PAU-05", "MN4-CMD-N-02", safety=MOTION)
 def a_pause_ends_before_the_axes_stand(session: Session) -> None:
-    """} while a pause still brakes lets the move go on to its end; Q there ends it where it is."""
+    """} while a pause still brakes lets a move, or a contour with a multiplex, go on to its end; Q
+    there ends it where it is."""
     motion = BoardMotion(BoardDriver(session))
-    motion.needs_room(1000, "this move")
-    for text in ("}", "Q"):
-        motion.ready(speed=1000, profile=BRAKING)
-        motion.do("M1000", "MN4-CMD-PAU-02")
+    motion.needs_room(1000, "these motions")
+    for texts, text in ((MULTIPLEXED, "}"), (("M1000",), "}"), (("M1000",), "Q")):
+        motion.ready("X4", speed=1000, profile=BRAKING)
+        for one in texts:
+            motion.do(one, "MN4-CMD-PAU-02")
         motion.driver.target.wait(0.6)
         motion.do("{", "MN4-CMD-PAU-02")
         motion.driver.target.wait(0.1)

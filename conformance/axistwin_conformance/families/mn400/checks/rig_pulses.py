@@ -31,6 +31,7 @@ ORDER = 310
 
 PULSES: Final = ("rig:pulses", "rig:index")
 BY: Final = (100, -53, 0, 7)
+LASH: Final = "B9,9,9,9", "D-1,-1,-1,-1"
 PIECES: Final = (1, 2, 40, 57, 90)  # pulses fed, one after the other; 190 together
 SETTLE_S: Final = 0.05
 
@@ -50,13 +51,16 @@ def fed(motion: BoardMotion, count: int) -> tuple[int, ...]:
        safety=RIG_MOTION, needs=PULSES)  # fmt: skip
 def a_threading_move_follows_its_pulses(session: Session) -> None:
     """Nothing before the index and the offset, then in proportion to the pulses, all of it with the
-    last one, and no step beyond."""
+    last one, and no step beyond; with backlash to be taken up before it as well."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(200, "these moves")
-    for is_absolute, pulses, offset in ((False, 200, 0), (False, 400, 10), (True, 200, 3)):
+    lash = LASH if motion.driver.reading("backlash_counts") == "false" else ()
+    for is_absolute, pulses, offset, settings in (
+        (False, 200, 0, ()), (False, 400, 10, lash), (True, 200, 3, ()),
+    ):  # fmt: skip
         base = (10, 20, 30, 40) if is_absolute else (0, 0, 0, 0)
         place = ",".join(map(str, base))
-        motion.ready(motion.mode(is_absolute=is_absolute), f"L{place}")
+        motion.ready(motion.mode(is_absolute=is_absolute), f"L{place}", *settings)
         goal = [by + at if is_absolute else by for by, at in zip(BY, base, strict=True)]
         text = f"T{','.join(map(str, goal))},{pulses},{offset}"
         motion.driver.draws(text, DONE, "MN4-CMD-T-01")
