@@ -524,6 +524,12 @@ def settings_are_kept(patch: MonkeyPatch) -> None:
     _kept(patch, "settings", "accepted")
 
 
+@board_mutant("MN4-PWR-01", "MN4-PWR-03")
+def directions_are_kept(patch: MonkeyPatch) -> None:
+    """What an axis remembers of its last direction outlives the supply."""
+    _kept(patch, "_memory")
+
+
 @board_mutant("MN4-PWR-02")
 def feed_hold_is_kept(patch: MonkeyPatch) -> None:
     """; outlives the supply."""
@@ -560,6 +566,16 @@ def it_says_that_it_is_up(patch: MonkeyPatch) -> None:
         return found
 
     around(patch, Mn400Board, "power_on", act)
+
+
+@board_mutant("MN4-NVM-12")
+def every_panel_input_runs_the_program(patch: MonkeyPatch) -> None:
+    """Jog Res does what Start does."""
+
+    def act(go: Any_, board: Mn400Board, now: int, name: str, on: bool) -> None:
+        go(now, "start" if name.startswith("jog_res") else name, on)
+
+    around(patch, Mn400Board, "_input_changed", act)
 
 
 @board_mutant("MN4-PWR-02")

@@ -304,8 +304,12 @@ def a_helix_that_cannot_be_is_refused(session: Session) -> None:
     crossed = motion.plane(1, 2)
     driver.draws(crossed, DONE, "MN4-CMD-P-03")
     exchange = driver.ask("+-10,0,-20,0,1,5,0")
+    if exchange.says(*DONE):
+        driver.follows("plane_z_check", "none", "MN4-CMD-HEL-04")
+        return
     driver.tells(exchange.says(*refused), "MN4-CMD-HEL-04", " and ".join(refused), exchange)
     if exchange.says(*refused):
+        driver.follows("plane_z_check", "at_helix", "MN4-CMD-HEL-04")
         motion.stays("MN4-CMD-HEL-04")
         motion.model.accept(crossed, motion.span(exchange))
         motion.run("A-100,0,-200,0,1", "MN4-CMD-P-03")

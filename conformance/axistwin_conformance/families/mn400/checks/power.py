@@ -45,7 +45,10 @@ PROGRAM: Final = ("V500", "X2", "I0")
 OTHER_PROGRAM: Final = ("Y500",)
 FAST: Final = 4  # of ~: 115200 baud
 STEPS: Final = 6
-MOTION: Final = ("L0,0,0,0", PROFILE, "V100")
+FIRST_SPEED: Final = 100  # steps/s
+MOTION: Final = ("L0,0,0,0", PROFILE, f"V{FIRST_SPEED}")
+TURNING: Final = (STEPS, STEPS, -STEPS, STEPS)  # a move, axis 3 of which goes back
+LASH: Final = 80  # steps
 UP_S: Final = 1.0  # by which a board should hear
 SETTLE_S: Final = 0.3  # a move of 6 steps takes 0.06 s, one behind a compensation 0.4 s
 SLOW_SPEED: Final = 20  # steps/s: those 6 steps take 0.3 s
@@ -153,6 +156,32 @@ def axes_are_those_of_power_on(session: Session) -> None:
         driver.command(text)
     _judge_defaults(driver, ("MN4-PWR-01", "MN4-PWR-03"))
     _judge_multiplex(driver, ("MN4-PWR-01", "MN4-PWR-03"))
+    if session.transport.travel_guard is None:  # it would not know how far the axes have gone
+        _judge_directions(driver, ("MN4-PWR-01", "MN4-PWR-03"))
+
+
+def _judge_directions(driver: BoardDriver, names: tuple[str, ...]) -> None:
+    """Judge by the backlash that a first move takes up which way axes remember: that of axis 3,
+    which is less than that of the others."""
+    driver.command("D-1,-1,-1,-1")
+    power_cycle(driver)
+    move = ",".join(map(str, TURNING))
+    for text in (*MOTION, relative_mode(driver), f"B200,200,{LASH},200", f"M{move}"):
+        driver.command(text)
+    driver.target.wait(SETTLE_S)
+    counted = LASH * (driver.reading("backlash_counts") == "true")
+    wanted = (STEPS, STEPS, -STEPS - counted, STEPS)
+    if driver.reading("backlash_speed") == "v":
+        position = driver.position()
+        told = f"not yet {wanted}: axis 3 takes up {LASH} steps"
+        driver.session.expect(position != wanted, names, told, position, f"behind M{move}")
+    driver.target.wait(1.5 * LASH / FIRST_SPEED - SETTLE_S)
+    position = driver.position()
+    told = f"behind M{move} and {LASH} steps of backlash"
+    driver.session.expect(position == wanted, names, wanted, position, told)
+    driver.command(f"B0,0,{LASH},0")  # so that no axis is elsewhere at the end
+    driver.command(f"M{','.join(str(-by) for by in TURNING)}")
+    driver.target.wait(1.5 * LASH / FIRST_SPEED)
 
 
 def _judge_multiplex(driver: BoardDriver, names: tuple[str, ...]) -> None:

@@ -328,11 +328,18 @@ def a_running_program_can_be_paused(session: Session) -> None:
 @check("MN4-NVM-12", safety=(*RUNNING, "rig"), needs=("rig:start",))
 @restoring("IVFL")
 def the_start_switch_runs_the_program(session: Session) -> None:
-    """Start on the panel does what U does, or nothing at all (MN4-AMB-56)."""
+    """Start on the panel does what U does, or nothing at all (MN4-AMB-56); Jog Res does not."""
     driver = BoardDriver(session)
     for text in ("L0,0,0,0", PROFILE):
         driver.command(text)
     enter_program(driver, (relative_mode(driver), *THERE_AND_BACK))
+    if "jog_res" in session.rig.capabilities:
+        for is_on in (True, False):
+            session.rig.work("jog_res", is_on, number=1)
+        driver.target.wait(MOVE_S / 2)
+        position = driver.position()
+        told = "behind Jog Res 1 on and off"
+        session.expect(position == AT_REST, "MN4-NVM-12", AT_REST, position, told)
     begun_ns, done_ns = session.rig.work("start", True)
     session.rig.work("start", False)
     driver.target.wait(MOVE_S / 2)
