@@ -58,17 +58,18 @@ def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[
 
 
 @check("MN4-CMD-PAU-01", "MN4-CMD-PAU-02", "MN4-CMD-N-01", "MN4-MEA-05", "MN4-PAU-01",
-       "MN4-CMD-SW-02", safety=MOTION)  # fmt: skip
+       "MN4-CMD-SW-02", "MN4-CMD-V-01", "MN4-RSP-14", safety=MOTION)  # fmt: skip
 def a_move_stands_where_it_is_paused(session: Session) -> None:
-    """Half-way at start speed, and braking to it from a higher one, with a multiplex as well; E and
-    N add up to the whole, : tells of the pause, and } goes on to the end; a second { pauses it as
-    the first did."""
+    """Half-way at start speed, and braking to it from a higher one, with a multiplex as well, and on
+    its last ramp; E and N add up to the whole, : tells of the pause, and } goes on to the end; a
+    second { pauses it as the first did.  The next move has its speed, and nothing comes unasked."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(2000, "these moves")
     for multiplex, speed, by, at_s in (
         (1, 1000, (2000, 0, 0, 0), 1.0), (4, 3000, (2000, -500, 0, 1), 0.4),
         (1, 3000, (-2000, 0, 0, 0), 0.1), (4, 3000, (-2000, 700, 0, 0), 0.12),
+        (1, 3000, (2000, -500, 0, 0), 0.8),
     ):  # fmt: skip
         motion.ready(f"X{multiplex}", speed=speed, profile=(1000, 5000, 5000))
         motion.do(f"M{','.join(map(str, by))}", "MN4-CMD-PAU-01")
@@ -88,6 +89,8 @@ def a_move_stands_where_it_is_paused(session: Session) -> None:
             _judge_once_more(motion, resumed, here, by)
         rows = (here, *motion.follow("MN4-CMD-PAU-02", samples=4))
         session.expect(is_monotone(rows, by), "MN4-CMD-PAU-02", f"no way back on {by}", rows)
+        if multiplex == 1 and speed > 1000:
+            motion.run(f"M{-by[0]}", "MN4-CMD-V-01", samples=3)
 
 
 def _judge_once_more(
@@ -163,7 +166,7 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
 @check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-CMD-Q-01",
        "MN4-CMD-N-02", "MN4-CMD-SW-02", "MN4-ERR-02", safety=MOTION)  # fmt: skip
 def pauses_end_as_they_should(session: Session) -> None:
-    """A pause at rest holds nothing back; what is asked for in a pause waits behind it, whatever is
+    """A pause at rest holds nothing back, nor a second one in a pause, and one } ends both; what is asked for in a pause waits behind it, whatever is
     refused meanwhile; Q drops all of it."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
@@ -179,7 +182,7 @@ def pauses_end_as_they_should(session: Session) -> None:
     driver.target.wait(0.3)
     motion.do("{", "MN4-PAU-04")
     here = motion.rest_paused()
-    for text in ("V1000", "|", "M0,100"):
+    for text in ("{", "V1000", "|", "M0,100"):
         motion.do(text, "MN4-PAU-04")
     after = motion.stays("MN4-PAU-04")
     session.expect(after == here, "MN4-PAU-04", here, after)
@@ -318,6 +321,12 @@ def quit_stops_and_forgets(session: Session) -> None:
         _judge_rest(motion, here, aim, "MN4-CMD-N-02", "after Q")
         motion.do("Q", "MN4-CMD-Q-03")
         _judge_rest(motion, here, aim, "MN4-CMD-Q-03", "after Q and a Q at rest")
+        motion.do("M0,0,-600", "MN4-QUIT-02")
+        driver.target.wait(0.1)
+        motion.do("Q", "MN4-CMD-Q-01")
+        again = motion.rest()
+        aim = (*here[:2], here[2] - 600, here[3])
+        _judge_rest(motion, again, aim, "MN4-CMD-N-02", "after a second move and Q")
         motion.run("M10,10", "MN4-QUIT-02")
         motion.do(motion.mode(is_absolute=True), "MN4-QUIT-02")
         motion.run("M0,0,0,0", "MN4-QUIT-02")
