@@ -85,7 +85,9 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
         contour(motion, "(", ("M100,50", "v1500", "M,-30,20"))
         for text in BAD_LINES:
             motion.driver.draws(text, motion.driver.errors("PARA_ERROR"), "MN4-ERR-02")
-        for text in ("m200,,,5", "V2000", "M-40,10,10,10"):
+        for text in ("m200,,,5", "M0,0", "V2000", "M-40,10,10,10") if not is_absolute else (
+            "m200,,,5", "M200,,,5", "V2000", "M-40,10,10,10"
+        ):
             motion.do(text, "MN4-CMD-CC-02")
         motion.do(")", "MN4-CMD-CC-02")
         motion.follow("MN4-CC-01")
@@ -96,17 +98,25 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
 
 @check("MN4-CC-01", "MN4-CMD-CC-01", "MN4-CC-05", "MN4-CMD-M-02", "MN4-STM-01", safety=MOTION)
 def a_contour_that_waits_begins_where_what_is_before_it_ends(session: Session) -> None:
-    """In absolute mode, opened and closed while a move runs, and behind another one that waits: its
-    segments lead to their places, wherever the axes were meanwhile, and bend by its own margin."""
+    """In absolute mode, opened and closed while a move or a contour runs, and behind another one
+    that waits: its segments lead to their places, wherever the axes were meanwhile, and bend by its own margin."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(400, "these contours")
     if int(motion.driver.reading("queue_depth")) < QUEUED:
         session.skip("the queue of this board is too short (MN4-AMB-52)")
     if int(motion.driver.reading("cc_capacity")) < max(len(lines) for _, lines in WAITING):
         session.skip("the contours of this board are too short (MN4-AMB-51)")
-    motion.ready(motion.mode(is_absolute=True), speed=500, profile=BENDS)
     names = ("MN4-CC-01", "MN4-CMD-M-02", "MN4-STM-01")
-    motion.do("M300,-50", names)
+    for first in (("M300,-50",), ("(", "M150,-20", "M300,-50", ")")):
+        _judge_waiting(motion, first, names)
+
+
+def _judge_waiting(motion: BoardMotion, first: Sequence[str], names: tuple[str, ...]) -> None:
+    """Judge the contours behind what runs first."""
+    session = motion.session
+    motion.ready(motion.mode(is_absolute=True), speed=500, profile=BENDS)
+    for text in first:
+        motion.do(text, names)
     for opening, lines in WAITING:
         opened = motion.driver.ask(opening)
         if not opened.says(*DONE):

@@ -68,7 +68,7 @@ SPARE: Final = 500  # steps of room that are left for what backlash may have bee
 FINE: Final = (4, (1, Fraction(-1, 3), Fraction(9999, 10_000), Fraction(1, 1000)))
 LONG: Final = (1, (Fraction(-1, 3000), Fraction(1, 4), -1, Fraction(9999, 10_000)))
 FAR_UP: Final = 2_147_483_640
-BETWEEN: Final = (14, 7000, 16_000, 30_000)  # steps/s; a move there and back takes half a second
+BETWEEN: Final = (4800, 16_000, 30_000)  # steps/s; a move takes two seconds, or all the room
 CAPPED: Final = 16_000, 50_000  # steps and a speed that X4 halves, but of one axis alone
 # What no multiplex makes slower, and whose time that is: a multiplex, what is set, a motion.
 MULTIPLEXED: Final = (
@@ -319,12 +319,12 @@ def the_slowest_and_the_fastest_rate_are_kept(session: Session) -> None:
     motion.ready("V2")
     motion.run("M3,-1", "MN4-MOT-02")
     for speed in BETWEEN:
-        steps = speed // 2
-        if motion.room < steps or session.envelope.max_speed < speed:
+        steps = motion.within(2 * speed)
+        if session.envelope.max_speed < speed:
             break
-        motion.ready(speed=speed, profile=(speed, speed, 1_000_000))
+        motion.ready(speed=speed, profile=(speed, 2 * speed, 1_000_000))
         for by in (steps, -steps):
-            motion.run(f"M{by}", "MN4-MOT-02", samples=2)
+            motion.run(f"M{by}", "MN4-MOT-02", samples=4)
     if motion.room < 50_000 or session.envelope.max_speed < 100_000:
         return
     motion.ready(speed=100_000, profile=(100_000, 100_000, 1_000_000))
