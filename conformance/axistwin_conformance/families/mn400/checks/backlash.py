@@ -7,7 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
 ORDER = 160
@@ -59,6 +59,14 @@ def a_turn_costs_the_steps_of_the_backlash(session: Session) -> None:
         for text in moves:
             names = ("MN4-BKL-01", "MN4-CMD-D-02", "MN4-CMD-B-01")
             motion.run(text, "MN4-CMD-B-01", names, "MN4-BKL-03", names, samples=6)
+    motion.ready(f"B{FEW},{FEW},{FEW},{FEW}", speed=CREEPING)
+    for axis in range(AXES):
+        directions = ["1"] * AXES
+        directions[axis] = "-1"
+        forward = f"M{',' * axis}{FEW // 4}"
+        motion.run(forward, "MN4-CMD-D-02", samples=2)
+        motion.do(f"D{','.join(directions)}", "MN4-CMD-D-02")
+        motion.run(forward, "MN4-CMD-D-02", samples=2)
 
 
 @check("MN4-BKL-01", safety=MOTION)
@@ -151,9 +159,9 @@ def _judge_behind_quit(motion: BoardMotion) -> None:
 
 @check("MN4-BKL-01", "MN4-BKL-03", "MN4-CMD-PAU-02", safety=MOTION)
 def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
-    """{ and } meanwhile, once and twice, and behind it: the rest of it is made and no more, then the
-    whole motion; with a pause it is over no earlier than without, and later by the pause at most.  What is left
-    is the whole motion as yet."""
+    """{ and } meanwhile, once and twice, and behind it: the rest of it is made and no more, then
+    the whole motion; with a pause it is over no earlier than without, and later by the pause at
+    most.  What is left is the whole motion as yet."""
     motion = begun(session)
     is_before_arcs = motion.driver.reading("backlash_arc") == "start_only"
     names = ("MN4-CMD-PAU-02", "MN4-BKL-01")

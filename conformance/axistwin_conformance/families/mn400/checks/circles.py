@@ -276,8 +276,8 @@ def _judge_long_traverse(motion: BoardMotion, traverse: int) -> None:
 
 @check("MN4-CMD-HEL-01", "MN4-HEL-02", safety=MOTION, level="full")
 def a_long_helix_keeps_its_proportion(session: Session) -> None:
-    """One of more than 65535 ticks, and one of more than 255 turns: on its circle and as far along as
-    it has turned, to the end."""
+    """One of more than 65535 ticks, and one of more than 255 turns: on its circle and as far along
+    as it has turned, to the end."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(1000, "this helix")
     motion.ready(speed=motion.fast(5000))

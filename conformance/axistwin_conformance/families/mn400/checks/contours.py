@@ -85,8 +85,10 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
         contour(motion, "(", ("M100,50", "v1500", "M,-30,20"))
         for text in BAD_LINES:
             motion.driver.draws(text, motion.driver.errors("PARA_ERROR"), "MN4-ERR-02")
-        for text in ("m200,,,5", "M0,0", "V2000", "M-40,10,10,10") if not is_absolute else (
-            "m200,,,5", "M200,,,5", "V2000", "M-40,10,10,10"
+        for text in (
+            ("m200,,,5", "M0,0", "V2000", "M-40,10,10,10")
+            if not is_absolute
+            else ("m200,,,5", "M200,,,5", "V2000", "M-40,10,10,10")
         ):
             motion.do(text, "MN4-CMD-CC-02")
         motion.do(")", "MN4-CMD-CC-02")
@@ -99,7 +101,8 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
 @check("MN4-CC-01", "MN4-CMD-CC-01", "MN4-CC-05", "MN4-CMD-M-02", "MN4-STM-01", safety=MOTION)
 def a_contour_that_waits_begins_where_what_is_before_it_ends(session: Session) -> None:
     """In absolute mode, opened and closed while a move or a contour runs, and behind another one
-    that waits: its segments lead to their places, wherever the axes were meanwhile, and bend by its own margin."""
+    that waits: its segments lead to their places, wherever the axes were meanwhile, and bend by its
+    own margin."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(400, "these contours")
     if int(motion.driver.reading("queue_depth")) < QUEUED:

@@ -203,7 +203,9 @@ def _judge_row(driver: BoardDriver, texts: Sequence[str]) -> None:
         session.skip("not even the first reply came whole: the line seems to have two wires")
     is_right = came == wanted and not strays
     told = f"in answer to {len(texts)} requests in a row: {_row_in_words(wanted)}"
-    session.expect(is_right, "MN4-PKT-08", told, _row_in_words(came) or strays.hex(" ") or "nothing")
+    session.expect(
+        is_right, "MN4-PKT-08", told, _row_in_words(came) or strays.hex(" ") or "nothing"
+    )
 
 
 def _codes(driver: BoardDriver, text: str) -> tuple[str, ...]:

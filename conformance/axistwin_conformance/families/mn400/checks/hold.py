@@ -9,7 +9,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Requirements, Session
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.queue import slow_board
-from axistwin_conformance.families.mn400.driver import DONE
+from axistwin_conformance.families.mn400.driver import DATA, DONE
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off
 
@@ -18,6 +18,7 @@ ORDER = 130
 HOLD_S: Final = 0.6  # for which a move that is held is watched
 RELEASED_S: Final = 0.8  # for which a move runs that has been released, while another is held
 STEPS: Final = 40
+SMALL: Final = 4  # radius in a plane that is not that of power-on
 # Commands that a board refuses while a move is pending; with an effect that would be seen.
 REFUSED: Final = (
     "?", "E", "N", "S", "/", "[", ":", "*", "|", "L9,9,9,9", "V4000", "X4", "P1,2,3", "I0", "I1",
@@ -66,8 +67,8 @@ def release(motion: BoardMotion, requirement: Requirements, *, everyone: bool = 
 @check("MN4-CMD-H-01", "MN4-CMD-H-02", "MN4-CMD-K-01", "MN4-PKT-05", safety=MOTION)
 def a_held_move_waits_for_its_release(session: Session) -> None:
     """With hold on a move is accepted and no axis moves; K runs it, and nothing under a wrong sum
-    does, or ends hold.  With hold off, be it in motion, it runs at once, and what H comes upon in motion is not
-    lost."""
+    does, or ends hold.  With hold off, be it in motion, it runs at once, and what H comes upon in
+    motion is not lost."""
     motion, steps = held(session)
     keep(motion, f"M{steps},{-steps}", "MN4-CMD-H-01")
     _stays_pending(motion)
@@ -80,6 +81,7 @@ def a_held_move_waits_for_its_release(session: Session) -> None:
     release(motion, "MN4-CMD-K-01")
     _hold_off(motion)  # in motion
     motion.do(f"M,,{-steps}", "MN4-CMD-H-02")
+    motion.driver.draws("?", DATA, "MN4-CMD-H-02")
     motion.follow("MN4-CMD-H-02")
     motion.run(f"M{steps},{-steps}", "MN4-CMD-H-02")
     _hold_drops_nothing(motion, steps)
@@ -121,7 +123,7 @@ def all_that_moves_is_held(session: Session) -> None:
     if session.reading("hold_scope") == "M":
         session.skip("this board holds M alone (MN4-AMB-18)")
     motion, steps = held(session)
-    radius = max(1, steps // 4)
+    radius = max(1, min(steps // 4, SMALL))
     around, contour = f"{-radius},0,{-2 * radius},0,1", ("(", f"M{steps}", f"M{steps}", ")")
     motion.set(motion.plane(2, 4, 1))
     for number, texts in enumerate(((f"A{around}",), (f"+{around},{radius},1",), contour)):

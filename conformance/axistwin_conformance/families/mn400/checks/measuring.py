@@ -74,7 +74,9 @@ def _judge_count(
     wanted = speed * multiplex * seconds
     off = multiplex + (0 if motion.target.is_virtual else wanted * CLOCK_ERROR)
     is_right = abs(fields[-1] - wanted) <= off
-    names = ("MN4-STM-01",) if later[:1] == ("X4",) else ("MN4-CMD-E-03", "MN4-MEA-02", "MN4-MEA-03")
+    names = (
+        ("MN4-STM-01",) if later[:1] == ("X4",) else ("MN4-CMD-E-03", "MN4-MEA-02", "MN4-MEA-03")
+    )
     session.expect(is_right, names, f"{wanted:g} within {float(off):g}", fields[-1], told)
     done, started = Fraction(exchange.done_ns, NS), Fraction(exchange.came_ns[0], NS)
     # A busy host may read START late, but it cannot have left before the request was complete.

@@ -9,7 +9,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mn400 import codec
-from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import (
     MOTION,
     NS,
@@ -349,8 +349,11 @@ def a_move_keeps_the_settings_of_its_time(session: Session) -> None:
     for settings, runs, sent, waits in (
         ((), "A-200,0,-400,0,1", motion.plane(1, 2, 4), "A100,0,200,0,-1"),
         (("V100", "B50,50,0,0"), "M-30,-10", "B4,4,0,0", "M20,10"),  # sent within 0.5 s
-        ((), "A-200,0,-400,0,1", "X2", "M40,-30"), ((), "+-200,0,-400,0,1,-30,0", "M", "M40,-30"),
-        ((), "M400", "M0", "M,50"), ((), "M400", "M,,,", "+-50,0,-100,0,1,30,0"),
+        ((), "A-200,0,-400,0,1", "X2", "M40,-30"),
+        ((), "+-200,0,-400,0,1,-30,0", "M", "M40,-30"),
+        ((), "M400", "V-1", "V2000"),
+        ((), "M400", "M0", "M,50"),
+        ((), "M400", "M,,,", "+-50,0,-100,0,1,30,0"),
     ):
         motion.ready(*settings)
         for text in (runs, sent, waits):
@@ -426,9 +429,7 @@ def what_another_board_is_told_moves_nothing(session: Session) -> None:
     _judge_ignored_ends(motion, passes, "MN4-PKT-06")
 
 
-def _judge_ignored_settings(
-    motion: BoardMotion, ignores: Callable[[str], None], name: str
-) -> None:
+def _judge_ignored_settings(motion: BoardMotion, ignores: Callable[[str], None], name: str) -> None:
     """What sets, holds or opens and is not taken: moves there and back, and an arc, are as
     before."""
     steps = motion.within(IGNORED_STEPS)
@@ -442,9 +443,7 @@ def _judge_ignored_settings(
     motion.run("A-20,0,-40,0,1", name)
 
 
-def _judge_ignored_ends(
-    motion: BoardMotion, ignores: Callable[[str], None], name: str
-) -> None:
+def _judge_ignored_ends(motion: BoardMotion, ignores: Callable[[str], None], name: str) -> None:
     """What ends, pauses, resumes or runs and is not taken: a move, its pause, and a contour that
     is entered go on."""
     steps = motion.within(IGNORED_STEPS)
@@ -469,9 +468,10 @@ def _judge_ignored_ends(
     motion.follow(name)
 
 
-@check("MN4-SYN-02", safety=MOTION)
+@check("MN4-SYN-02", "MN4-CMD-T-02", "MN4-CMD-T-03", safety=MOTION)
 def a_positive_speed_ends_external_sync(session: Session) -> None:
-    """Behind V-1 a move waits for pulses, and Q ends it; behind V2000 one runs in its time."""
+    """Behind V-1 a move waits for pulses, and Q ends it; behind V2000 one runs in its time.  T
+    waits as well, and N tells how far it will go."""
     motion = BoardMotion(BoardDriver(session))
     motion.ready("V-1")
     motion.do("M100", "MN4-SYN-02")
@@ -480,3 +480,13 @@ def a_positive_speed_ends_external_sync(session: Session) -> None:
     session.note(f"without pulses the counters were {counters}")
     motion.ready()
     motion.run(f"M{motion.within(SPEED)}", "MN4-SYN-02")
+    for is_absolute, x, y, loaded in ((False, 20, -10, 0), (True, 120, -40, 100)):
+        motion.ready(motion.mode(is_absolute=is_absolute), f"L{loaded},{-loaded},0,0")
+        motion.driver.draws(f"T{x},{y},0,0,1000,0", DONE, "MN4-CMD-T-03")
+        left, wanted = (
+            motion.driver.steps_left(),
+            motion.driver.counted((x - loaded, y + loaded, 0, 0)),
+        )
+        session.expect(left == wanted, "MN4-CMD-T-02", wanted, left, "left while T waits")
+        motion.driver.draws("Q", DONE, "MN4-CMD-T-03")
+        motion.run("M130,-60", "MN4-CMD-T-03", samples=2)

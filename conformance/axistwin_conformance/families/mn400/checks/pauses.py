@@ -60,8 +60,8 @@ def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[
 @check("MN4-CMD-PAU-01", "MN4-CMD-PAU-02", "MN4-CMD-N-01", "MN4-MEA-05", "MN4-PAU-01",
        "MN4-CMD-SW-02", "MN4-CMD-V-01", "MN4-RSP-14", safety=MOTION)  # fmt: skip
 def a_move_stands_where_it_is_paused(session: Session) -> None:
-    """Half-way at start speed, and braking to it from a higher one, with a multiplex as well, and on
-    its last ramp; E and N add up to the whole, : tells of the pause, and } goes on to the end; a
+    """Half-way at start speed, and braking to it from a higher one, with a multiplex as well, and
+    on its last ramp; E and N add up to the whole, : tells of the pause, and } goes on to the end; a
     second { pauses it as the first did.  The next move has its speed, and nothing comes unasked."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
@@ -166,8 +166,8 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
 @check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-CMD-Q-01",
        "MN4-CMD-N-02", "MN4-CMD-SW-02", "MN4-ERR-02", safety=MOTION)  # fmt: skip
 def pauses_end_as_they_should(session: Session) -> None:
-    """A pause at rest holds nothing back, nor a second one in a pause, and one } ends both; what is asked for in a pause waits behind it, whatever is
-    refused meanwhile; Q drops all of it."""
+    """A pause at rest holds nothing back; what is asked for in a pause waits behind it, whatever is
+    refused meanwhile, and one } ends it, however many { there were; Q drops all of it."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(1100, "these moves")
