@@ -206,7 +206,7 @@ def periods_are_whole_tens_of_microseconds(patch: MonkeyPatch) -> None:
 # --- pauses and Q ---------------------------------------------------------------------------------
 
 
-@board_mutant("MN4-PAU-04")
+@board_mutant("MN4-CMD-PAU-02")
 def pauses_are_counted(patch: MonkeyPatch) -> None:
     """Behind two { it takes two }."""
 
@@ -331,11 +331,13 @@ def hold_cannot_be_ended_in_motion(patch: MonkeyPatch) -> None:
 def a_held_arc_runs_in_the_plane_of_power_on(patch: MonkeyPatch) -> None:
     """Whatever P has set."""
 
-    def act(go: Any_, one: Interpreter, line: Any, order: MotionOrder, *, is_kept: bool) -> Any:
-        settings = replace(order.settings, plane=(0, 2, 1))
-        return go(line, replace(order, settings=settings) if is_kept else order, is_kept=is_kept)
+    move = Interpreter._move
 
-    around(patch, Interpreter, "_move", act)
+    def act(one: Interpreter, line: Any, order: MotionOrder, *, is_kept: bool) -> Any:
+        settings = replace(order.settings, plane=(0, 2, 1)) if is_kept else order.settings
+        return move(one, line, replace(order, settings=settings), is_kept=is_kept)
+
+    patch.setattr(Interpreter, "_move", act)
 
 
 @board_mutant("MN4-CMD-CC-02")

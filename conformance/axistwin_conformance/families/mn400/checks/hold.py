@@ -18,7 +18,6 @@ ORDER = 130
 HOLD_S: Final = 0.6  # for which a move that is held is watched
 RELEASED_S: Final = 0.8  # for which a move runs that has been released, while another is held
 STEPS: Final = 40
-SMALL: Final = 4  # radius in a plane that is not that of power-on
 # Commands that a board refuses while a move is pending; with an effect that would be seen.
 REFUSED: Final = (
     "?", "E", "N", "S", "/", "[", ":", "*", "|", "L9,9,9,9", "V4000", "X4", "P1,2,3", "I0", "I1",
@@ -123,7 +122,7 @@ def all_that_moves_is_held(session: Session) -> None:
     if session.reading("hold_scope") == "M":
         session.skip("this board holds M alone (MN4-AMB-18)")
     motion, steps = held(session)
-    radius = max(1, min(steps // 4, SMALL))
+    radius = max(1, steps // 4)
     around, contour = f"{-radius},0,{-2 * radius},0,1", ("(", f"M{steps}", f"M{steps}", ")")
     motion.set(motion.plane(2, 4, 1))
     for number, texts in enumerate(((f"A{around}",), (f"+{around},{radius},1",), contour)):

@@ -60,16 +60,15 @@ def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[
 @check("MN4-CMD-PAU-01", "MN4-CMD-PAU-02", "MN4-CMD-N-01", "MN4-MEA-05", "MN4-PAU-01",
        "MN4-CMD-SW-02", "MN4-CMD-V-01", "MN4-RSP-14", safety=MOTION)  # fmt: skip
 def a_move_stands_where_it_is_paused(session: Session) -> None:
-    """Half-way at start speed, and braking to it from a higher one, with a multiplex as well, and
-    on its last ramp; E and N add up to the whole, : tells of the pause, and } goes on to the end; a
-    second { pauses it as the first did.  The next move has its speed, and nothing comes unasked."""
+    """Half-way at start speed, and braking to it from a higher one, with a multiplex as well; E and
+    N add up to the whole, : tells of the pause, and } goes on to the end; a second { pauses it as
+    the first did.  The next move has its speed, and nothing comes unasked."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(2000, "these moves")
     for multiplex, speed, by, at_s in (
         (1, 1000, (2000, 0, 0, 0), 1.0), (4, 3000, (2000, -500, 0, 1), 0.4),
         (1, 3000, (-2000, 0, 0, 0), 0.1), (4, 3000, (-2000, 700, 0, 0), 0.12),
-        (1, 3000, (2000, -500, 0, 0), 0.8),
     ):  # fmt: skip
         motion.ready(f"X{multiplex}", speed=speed, profile=(1000, 5000, 5000))
         motion.do(f"M{','.join(map(str, by))}", "MN4-CMD-PAU-01")
@@ -161,6 +160,15 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
             session.expect(code == 0, "MN4-PAU-03", 0, code, "exit code after pauses")
             left, after = driver.steps_left(), f"after {text} with pauses"
             session.expect(left == (0,) * AXES, "MN4-CMD-N-02", "0, 0, 0, 0", left, after)
+    motion.ready(speed=motion.fast(3000), profile=RAMPED)
+    for text, lasts_s in (("M1500,-400", 0.7), ("M-1500,400", 0.8)):  # amid its last ramp
+        motion.do(text, "MN4-CMD-PAU-02")
+        wanted = motion.end
+        for order in "{}":
+            driver.target.wait(lasts_s)
+            motion.do(order, "MN4-CMD-PAU-02")
+        counters, names = motion.rest(), ("MN4-PAU-02", "MN4-CMD-PAU-02")
+        session.expect(inside(counters, wanted), names, told(wanted), counters, f"{text}, paused")
 
 
 @check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-CMD-Q-01",
@@ -189,7 +197,7 @@ def pauses_end_as_they_should(session: Session) -> None:
     driver.draws("X3", driver.errors("PARA_ERROR"), "MN4-ERR-02")
     _judge_flags(motion, is_paused=True)
     motion.do("}", "MN4-CMD-PAU-02")
-    counters, names = motion.rest(), ("MN4-PAU-04", "MN4-ERR-02")
+    counters, names = motion.rest(), ("MN4-PAU-04", "MN4-ERR-02", "MN4-CMD-PAU-02")
     session.expect(counters == (1000, 100, 0, 0), names, "1000, 100, 0, 0", counters)
     motion.ready(speed=1000)
     motion.do("M1000", "MN4-PAU-05")
