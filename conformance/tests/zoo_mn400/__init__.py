@@ -11,6 +11,7 @@ from zoo_mn400 import (
     effects,
     frames,
     full_store,
+    leftovers,
     long_paths,
     motion,
     parameters,
@@ -22,7 +23,7 @@ from zoo_mn400 import (
 )
 
 FAMILIES = (
-    frames, parameters, states, effects, side_effects, long_paths, motion, contexts, rig,
+    frames, parameters, states, effects, side_effects, leftovers, long_paths, motion, contexts, rig,
     stored, full_store, runs, boards,
 )  # fmt: skip
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
+from axistwin_conformance.families.mn400.driver import AXES, DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 
 ORDER = 160
@@ -27,8 +27,10 @@ DROPPED: Final = (("M-50,-50",), ("A-50,0,-50,-50,1",), ("(", "M-80,,,-60", "M-8
 # A contour that Q ends amid its first segment: in the second one each axis would go on as it went.
 CUT_SHORT: Final = ("M100", "M,50,40,30", "M40")
 CRAWL: Final = 50  # steps/s: at this one what is taken up may be little
+BEHIND_S: Final = 0.6  # there: behind what is taken up, amid a move of 40 steps
 CREEPING: Final = 100  # steps/s, for few steps: what may be taken up adds up
 PAUSED_AT_S: Final = 0.25  # of a compensation of 0.6 s
+PAUSED_BEHIND_S: Final = 0.9  # of the same, and amid the motion behind it
 # What is paused there, and how often, with the backlash of its axes: moves, an arc, a contour.
 PAUSED: Final = (
     (1, "B60,0,0,0", ("M-40",)), (2, "B0,60,0,8", ("M0,-30,0,-10",)),
@@ -59,6 +61,14 @@ def a_turn_costs_the_steps_of_the_backlash(session: Session) -> None:
         for text in moves:
             names = ("MN4-BKL-01", "MN4-CMD-D-02", "MN4-CMD-B-01")
             motion.run(text, "MN4-CMD-B-01", names, "MN4-BKL-03", names, samples=6)
+    motion.ready(f"B{FEW},{FEW},{FEW},{FEW}", speed=CREEPING)
+    for axis in range(AXES):
+        directions = ["1"] * AXES
+        directions[axis] = "-1"
+        forward = f"M{',' * axis}{FEW // 4}"
+        motion.run(forward, "MN4-CMD-D-02", samples=2)
+        motion.do(f"D{','.join(directions)}", "MN4-CMD-D-02")
+        motion.run(forward, "MN4-CMD-D-02", samples=2)
 
 
 @check("MN4-BKL-01", safety=MOTION)
@@ -140,17 +150,23 @@ def what_quit_drops_is_not_remembered(session: Session) -> None:
 
 
 def _judge_behind_quit(motion: BoardMotion) -> None:
-    """Judge that no axis has turned round, and so none of them takes up backlash."""
+    """Judge that no axis has turned round, and so none of them takes up backlash; and the same with
+    axes that went back when Q ended their move."""
     motion.do("Q", "MN4-BKL-02")
     motion.rest()
     motion.run(f"M{FEW},{FEW},{FEW},{FEW}", "MN4-BKL-02")
+    motion.do(f"M-{FEW},,-{FEW}", "MN4-BKL-02")
+    motion.driver.target.wait(BEHIND_S)
+    motion.do("Q", "MN4-BKL-02")
+    motion.rest()
+    motion.run(f"M-{FEW},{FEW},-{FEW}", "MN4-BKL-02")
 
 
 @check("MN4-BKL-01", "MN4-BKL-03", "MN4-CMD-PAU-02", safety=MOTION)
 def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
-    """{ and } meanwhile, once and twice: the rest of it is made and no more, then the whole motion;
-    with a pause it is over no earlier than without, and later by the pause at most.  What is left
-    is the whole motion as yet."""
+    """{ and } meanwhile, once and twice, and behind it: the rest of it is made and no more, then
+    the whole motion; with a pause it is over no earlier than without, and later by the pause at
+    most.  What is left is the whole motion as yet."""
     motion = begun(session)
     is_before_arcs = motion.driver.reading("backlash_arc") == "start_only"
     names = ("MN4-CMD-PAU-02", "MN4-BKL-01")
@@ -166,6 +182,12 @@ def a_pause_in_the_compensation_loses_none_of_it(session: Session) -> None:
             _judge_left(motion)
             motion.do("}", names)
         motion.follow(names, samples=8)
+    motion.ready("B60,60,0,0", speed=CREEPING)
+    motion.do("M-90,-30", names)
+    motion.driver.target.wait(PAUSED_BEHIND_S)
+    motion.do("{", names)
+    motion.do("}", names)
+    motion.follow(names, samples=8)
 
 
 def _judge_left(motion: BoardMotion) -> None:

@@ -45,6 +45,8 @@ ALONG: Final = 3.5  # steps along a circle: more than rounding of an arc and its
 TRAVERSES: Final = (600, 540)  # along half a circle of 566 ticks
 LONG_TURNS: Final = 28  # of radius 500, behind a half: 80600 ticks, more than 16 bits hold
 LONG_LOOKS: Final = 61  # at other fractions of a step of the traverse, ever again
+LARGE: Final = (18_000, 50_000, 70_000)  # radii whose squares 31 and 32 bits do not hold
+SHORT, MOST_SPEED = 300, 20_000  # steps of an arc of these; of the way to its circle
 OUTSIDE: Final = 9.0  # steps between radii: more than any rounding of a right arc gives
 
 
@@ -129,10 +131,10 @@ def the_angle_says_how_far_an_arc_goes(session: Session) -> None:
             motion.follow(path, "MN4-ARC-03", "MN4-CMD-A-05", samples=4)
 
 
-@check("MN4-CMD-A-02", "MN4-CMD-A-04", "MN4-STM-01", safety=MOTION)
+@check("MN4-CMD-A-02", "MN4-CMD-A-04", "MN4-STM-01", "MN4-CMD-M-02", "MN4-CMD-I-01", safety=MOTION)
 def an_arc_that_waits_begins_where_what_is_before_it_ends(session: Session) -> None:
     """In absolute mode, behind a move, a contour, a helix and an arc that wait as it does: it is
-    taken, and runs to its end."""
+    taken, and runs to its end; a move behind it begins there."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(300, "these motions")
     if int(motion.driver.reading("queue_depth")) < QUEUED:
@@ -148,6 +150,25 @@ def an_arc_that_waits_begins_where_what_is_before_it_ends(session: Session) -> N
             at_x, at_y = (motion.end[motor - 1][0] for motor in (x, y))
             motion.do(f"A{at_x},{at_y - 40},{at_x - radius},{at_y - 40},-1", names)
         motion.follow(("MN4-STM-01", "MN4-CMD-A-02"), samples=8)
+        motion.run("M10,20", ("MN4-CMD-M-02", "MN4-CMD-I-01"), samples=2)
+
+
+@check("MN4-ARC-04", "MN4-CMD-A-04", safety=MOTION, level="full")
+def an_arc_may_be_of_a_large_circle(session: Session) -> None:
+    """A short one each, of radii up to 70000 steps as far as there is room for the whole circle."""
+    motion = BoardMotion(BoardDriver(session))
+    motion.needs_room(LARGE[0] + 2 * SHORT, "a large circle around home")
+    for radius in LARGE:
+        if motion.room < radius + 2 * SHORT:
+            session.note(f"a circle of radius {radius} needs --max-travel {radius + 2 * SHORT}")
+            break
+        motion.ready(speed=motion.fast(MOST_SPEED), profile=(1000, motion.fast(MOST_SPEED), 20_000))
+        motion.run(f"M{radius}", "MN4-CMD-A-04", samples=1)
+        motion.do("V500", "MN4-CMD-A-04")
+        for way in (-1, 1):  # up from the end of the radius, and down again
+            x, y = round(radius - (radius**2 - SHORT**2) ** 0.5), SHORT
+            text = f"A{-radius},0,{-x},{y},-1" if way < 0 else f"A{x - radius},{-y},{x},{-y},1"
+            motion.run(text, "MN4-CMD-A-04", "MN4-ARC-04", samples=8)
 
 
 @check("MN4-ARC-06", "MN4-CMD-A-05", safety=MOTION)
@@ -255,12 +276,14 @@ def _judge_long_traverse(motion: BoardMotion, traverse: int) -> None:
 
 @check("MN4-CMD-HEL-01", "MN4-HEL-02", safety=MOTION, level="full")
 def a_long_helix_keeps_its_proportion(session: Session) -> None:
-    """One of more than 65535 ticks: on its circle and as far along as it has turned, to the end."""
+    """One of more than 65535 ticks, and one of more than 255 turns: on its circle and as far along
+    as it has turned, to the end."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(1000, "this helix")
     motion.ready(speed=motion.fast(5000))
     motion.do(f"+-500,0,-1000,0,1,-900,{LONG_TURNS}", "MN4-CMD-HEL-01")
     motion.follow("MN4-HEL-02", "MN4-CMD-HEL-01", "MN4-CMD-HEL-01", samples=LONG_LOOKS)
+    motion.run("+-2,0,-4,0,1,300,300", "MN4-CMD-HEL-01", "MN4-HEL-02", "MN4-CMD-HEL-01")
 
 
 @check("MN4-HEL-03", safety=MOTION)

@@ -22,6 +22,7 @@ EXAMPLE_LINES: Final = (
 )  # fmt: skip
 BESIDE_LINES: Final = ("V3000", "M600", "M600,6", "M600")  # 2000 steps/s at each end of the second
 EXAMPLE_STEPS: Final = 2564  # along its longest axis
+BAD_LINES: Final = ("M100,-", "M-60,60,1a", "V1a")  # of a contour that none of them changes
 PLANNED_S: Final = 1  # by which a board has made its plan of many segments, and moves
 # Margins and places of two contours that wait, one behind the other, and the profile of the bends.
 WAITING: Final = (
@@ -64,10 +65,11 @@ def the_example_takes_the_time_of_its_margin(session: Session) -> None:
 
 
 @check("MN4-CC-01", "MN4-CMD-CC-02", "MN4-CMD-CC-04", "MN4-CMD-CC-08", "MN4-STM-06",
-       safety=MOTION)  # fmt: skip
+       "MN4-ERR-02", safety=MOTION)  # fmt: skip
 def a_contour_waits_until_it_is_closed(session: Session) -> None:
     """Nothing moves between ( and ); Q forgets segments and speed; in both coordinate modes the end
-    is that of single moves.  An empty pair behind a contour moves nothing."""
+    is that of single moves, whatever is refused meanwhile.  An empty pair behind a contour moves
+    nothing."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(600, "these contours")
     motion.ready()
@@ -80,7 +82,15 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
     motion.run("M600", "MN4-CMD-CC-04")
     for is_absolute in (False, True):
         motion.ready(motion.mode(is_absolute=is_absolute), "L10,20,30,40")
-        contour(motion, "(", ("M100,50", "M,-30,20", "M200,,,5", "M-40,10,10,10"))
+        contour(motion, "(", ("M100,50", "v1500", "M,-30,20"))
+        for text in BAD_LINES:
+            motion.driver.draws(text, motion.driver.errors("PARA_ERROR"), "MN4-ERR-02")
+        for text in (
+            ("m200,,,5", "M0,0", "V2000", "M-40,10,10,10")
+            if not is_absolute
+            else ("m200,,,5", "M200,,,5", "V2000", "M-40,10,10,10")
+        ):
+            motion.do(text, "MN4-CMD-CC-02")
         motion.do(")", "MN4-CMD-CC-02")
         motion.follow("MN4-CC-01")
     for text in "()":
@@ -90,17 +100,26 @@ def a_contour_waits_until_it_is_closed(session: Session) -> None:
 
 @check("MN4-CC-01", "MN4-CMD-CC-01", "MN4-CC-05", "MN4-CMD-M-02", "MN4-STM-01", safety=MOTION)
 def a_contour_that_waits_begins_where_what_is_before_it_ends(session: Session) -> None:
-    """In absolute mode, opened and closed while a move runs, and behind another one that waits: its
-    segments lead to their places, wherever the axes were meanwhile, and bend by its own margin."""
+    """In absolute mode, opened and closed while a move or a contour runs, and behind another one
+    that waits: its segments lead to their places, wherever the axes were meanwhile, and bend by its
+    own margin."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(400, "these contours")
     if int(motion.driver.reading("queue_depth")) < QUEUED:
         session.skip("the queue of this board is too short (MN4-AMB-52)")
     if int(motion.driver.reading("cc_capacity")) < max(len(lines) for _, lines in WAITING):
         session.skip("the contours of this board are too short (MN4-AMB-51)")
-    motion.ready(motion.mode(is_absolute=True), speed=500, profile=BENDS)
     names = ("MN4-CC-01", "MN4-CMD-M-02", "MN4-STM-01")
-    motion.do("M300,-50", names)
+    for first in (("M300,-50",), ("(", "M150,-20", "M300,-50", ")")):
+        _judge_waiting(motion, first, names)
+
+
+def _judge_waiting(motion: BoardMotion, first: Sequence[str], names: tuple[str, ...]) -> None:
+    """Judge the contours behind what runs first."""
+    session = motion.session
+    motion.ready(motion.mode(is_absolute=True), speed=500, profile=BENDS)
+    for text in first:
+        motion.do(text, names)
     for opening, lines in WAITING:
         opened = motion.driver.ask(opening)
         if not opened.says(*DONE):
@@ -211,11 +230,12 @@ def a_contour_is_no_slower_than_separate_moves(session: Session) -> None:
 
 @check("MN4-CMD-CC-06", "MN4-CC-10", safety=MOTION)
 def a_running_contour_can_be_paused_and_quit(session: Session) -> None:
-    """{ and } lose no step, N and E add up to its end meanwhile; Q ends all of it."""
+    """{ and } lose no step, N and E add up to its end meanwhile, and each segment has its own speed
+    behind it; Q ends all of it."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(1500, "these contours")
-    lines = ("M500,100", "M500,-100,300", "M-200,0,-300,40")
+    lines = ("M500,100", "V1200", "M500,-100,300", "V300", "M-200,0,-300,40")
     for at_s in (0.1, 0.4, 0.7):
         motion.ready(speed=1500)
         contour(motion, "(", lines, "MN4-CMD-CC-06")

@@ -3,6 +3,7 @@ its line, and is put back at once (CMD-ADDR, CMD-BAUD, NVM, DROP)."""
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 from axistwin_conformance.base.check import check
@@ -43,22 +44,30 @@ LONG_LINE: Final = "L000000000000000001"  # longer than all of that program
 
 
 @check("MN4-CMD-ADDR-01", "MN4-CMD-ADDR-04", "MN4-CMD-RTX-04", "MN4-DROP-11", "MN4-DROP-01",
-       safety=DESTRUCTIVE, needs=ALONE)  # fmt: skip
+       "MN4-CMD-POLL-02", safety=DESTRUCTIVE, needs=ALONE)  # fmt: skip
 def the_id_can_be_set(session: Session) -> None:
     """= draws START from the old id and DONE from the new one, which & repeats; the old id is
-    silent from then on, and id 0 reaches the board."""
+    silent from then on, and id 0 reaches the board, which is the later to answer the greater its id
+    is."""
     driver = BoardDriver(session)
+    late_ns: dict[int, int] = {}
     with brought_back(driver, *NEW_IDS):
         for new in other_ids(driver, *NEW_IDS):
-            _judge_new_id(driver, new)
+            _judge_new_id(driver, new, late_ns)
             if driver.reading("address_settable") == "true":
                 driver = BoardDriver(session, new)
+    rows = sorted(late_ns.items())
+    for (board, before_ns), (other, after_ns) in itertools.pairwise(rows):
+        told = f"a later reply of id {other} to a poll of all boards than of id {board}"
+        came = f"{after_ns / 1e6:.1f} ms and {before_ns / 1e6:.1f} ms"
+        session.expect(after_ns > before_ns, "MN4-CMD-POLL-02", told, came)
 
 
-def _judge_new_id(driver: BoardDriver, new: int) -> None:
+def _judge_new_id(driver: BoardDriver, new: int, late_ns: dict[int, int]) -> None:
     session, old = driver.session, driver.board
     exchange = driver.ask(f"={new}")
     after = BoardDriver(session, new)
+    at_once = after.ask("&") if exchange.found[-1:] and exchange.found[-1].board == new else None
     is_settable = is_there(after, new)
     session.step(is_settable or is_there(driver, old), f"an answer at id {old} or {new}", "none")
     driver.follows("address_settable", "true" if is_settable else "false", "MN4-CMD-ADDR-01")
@@ -69,15 +78,17 @@ def _judge_new_id(driver: BoardDriver, new: int) -> None:
     names = ("MN4-CMD-ADDR-01", "MN4-DROP-11")
     session.expect(exchange.raw == wanted, names, told, came, f"to ={new}")
     after.command("Q")
-    again, repeated = after.ask("&"), codec.status(new, "&", 0x05)
-    if driver.reading("retransmit_cmd") == "replaced":
-        told, came = words.explain_reply(repeated), words.explain_reply(again.raw) or "nothing"
-        session.expect(again.raw == repeated, "MN4-CMD-RTX-04", told, came)
+    repeated = codec.status(new, "&", 0x05)
+    for again in (at_once, after.ask("&")):
+        if again is not None and driver.reading("retransmit_cmd") == "replaced":
+            told, came = words.explain_reply(repeated), words.explain_reply(again.raw) or "nothing"
+            session.expect(again.raw == repeated, "MN4-CMD-RTX-04", told, came)
     driver.judge(driver.client.seek(), (), "MN4-CMD-ADDR-04")
     exchange = after.client.ask_all("*", after.slots_s())
     after.judge(exchange, PRESENT, ("MN4-CMD-ADDR-04", "MN4-DROP-01"))
     ids = [packet.board for packet in exchange.found]
     session.expect(set(ids) == {new}, "MN4-CMD-ADDR-04", f"id {new}", f"ids {ids}")
+    late_ns[new] = exchange.came_ns[0] - exchange.asked_ns
 
 
 @check("MN4-DROP-08", safety=DESTRUCTIVE, needs=ALONE)
@@ -112,11 +123,11 @@ def an_id_is_that_of_one_board(session: Session) -> None:
 # --- the rate -------------------------------------------------------------------------------------
 
 
-@check("MN4-CMD-BAUD-01", "MN4-DROP-11", "MN4-DROP-09", "MN4-PHY-01", safety=DESTRUCTIVE,
-       needs=ALONE)  # fmt: skip
+@check("MN4-CMD-BAUD-01", "MN4-DROP-11", "MN4-DROP-09", "MN4-PHY-01", "MN4-PKT-05", "MN4-ERR-05",
+       safety=DESTRUCTIVE, needs=ALONE)  # fmt: skip
 def the_rate_can_be_set(session: Session) -> None:
     """~ draws START at the old rate and BAUDCHANGEOK at the new one; the board then talks all five
-    rates, and at the old one no more."""
+    rates, whatever it refuses, and at the old one no more."""
     driver = BoardDriver(session)
     if not has_rate(driver):
         session.skip(SOCKET)
@@ -147,6 +158,11 @@ def _judge_new_rate(driver: BoardDriver, number: int) -> None:
         session.expect(is_right, names, told, came, f"to ~{number}")
         driver.draws("&", wanted[-1:], names)
     driver.draws("*", PRESENT, "MN4-PHY-01")
+    driver.ignores("*")
+    for text in ("W", "~5"):
+        driver.judge(driver.client.seek(), PRESENT, ("MN4-CMD-BAUD-01", "MN4-ERR-05"))
+        driver.ask(text)
+    driver.judge(driver.client.seek(), PRESENT, ("MN4-CMD-BAUD-01", "MN4-ERR-05"))
     driver.target.baud = old
     at_old = driver.client.seek()
     driver.target.baud = codec.RATES[number]
@@ -197,7 +213,7 @@ def a_configuration_is_kept_and_not_carried_out(session: Session) -> None:
             told = "INVALIDPROGCOMM or DONE"
             session.expect(at_once or exchange.says(*DONE), "MN4-NVM-06", told, exchange.observed)
         driver.draws("X1", DONE, "MN4-NVM-04")
-        driver.draws("Q", DONE, ("MN4-NVM-04", "MN4-CMD-Q-04"))
+        driver.draws("q", DONE, ("MN4-NVM-04", "MN4-CMD-Q-04"))
         driver.draws("*", PRESENT, ("MN4-CMD-Q-04", "MN4-DROP-11"))
         position = driver.position()
         session.expect(position == (1, 2, 3, 4), "MN4-NVM-04", "1, 2, 3, 4", position)

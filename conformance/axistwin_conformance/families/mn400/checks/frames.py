@@ -29,6 +29,8 @@ PLAIN_ORDERS: Final = ("V2000", "X1", "Q", "|")
 # Requests of four bytes, as many as take no more bytes than the longest command has (MN4-PKT-13):
 # the whole reply to a poll is ready at once, that to a read when START has left.
 IN_A_ROW: Final = ("*", "*", "*", "*", "*", "E", "S", "N", "/", "[") + ("*",) * 4 + ("E", "S", "N")
+# What takes its time, or is refused, and a request right behind it.
+IN_PAIRS: Final = (("W", "E"), ("X3", "E"), ("K", "*"), ("E1", "S"), ("E2", "*"))
 GAP_S: Final = 0.005
 
 
@@ -79,16 +81,16 @@ def a_poll_draws_the_bytes_of_the_manual(session: Session) -> None:
     session.expect(ids == {driver.board}, "MN4-PKT-07", f"id {driver.board}", f"ids {sorted(ids)}")
 
 
-@check("MN4-PKT-07", needs=("alone",))
+@check("MN4-PKT-07", "MN4-CMD-RTX-01", needs=("alone",))
 @restoring("VX")
 def what_all_are_asked_a_board_answers_by_its_own_id(session: Session) -> None:
-    """Reads, orders and errors to id 0, and & behind each: what comes has the id of the board, as
-    far as it answers (MN4-AMB-07)."""
+    """Polls, reads, orders and errors to id 0, and & behind each: what comes has the id of the
+    board, as far as it answers (MN4-AMB-07), and & to the board itself repeats it."""
     driver = BoardDriver(session)
     rate = codec.RATES.index(driver.target.baud)
-    texts = driver.known((*READS, "E1", *PLAIN_ORDERS, "K", "X3", "W", f"~{rate}"))
+    texts = driver.known(("*", *READS, "E1", *PLAIN_ORDERS, "K", "X3", "W", f"~{rate}"))
     if driver.reading("broadcast_reply") == "poll_only":
-        texts = texts[:1]
+        texts = texts[:2]
     everybody = [codec.request(codec.ALL_BOARDS, text) for text in texts]
     again = codec.request(codec.ALL_BOARDS, "&")
     limit_s = driver.slots_s(LONGEST_VALUE) + MEASURES_S[1] * driver.board
@@ -97,6 +99,8 @@ def what_all_are_asked_a_board_answers_by_its_own_id(session: Session) -> None:
     for asked in (*everybody, wrong_sum):
         for raw in (asked, again):
             exchange = driver.client.ask_raw(raw, limit_s)
+            if raw == asked and exchange.is_sound:
+                driver.repeats(exchange, "MN4-CMD-RTX-01")
             ids = {one for packet in exchange.found for one in (packet.opening, packet.closing)}
             told = f"{own:02X}h as both addresses of each packet, or nothing"
             session.expect(ids <= {own}, "MN4-PKT-07", told, exchange.observed)
@@ -171,12 +175,14 @@ def other_ids_are_not_answered(session: Session) -> None:
 @check("MN4-PKT-08", needs=("alone",))
 def packets_in_a_row_are_answered_one_by_one(session: Session) -> None:
     """Requests without a pause between them, as many bytes as the longest command has, draw the
-    packets of each in their order, also with pauses amid a request, where the board has them.
-    Nobody can tell from here whether the line has two wires (RS-485), where requests and replies
-    collide: then the first reply is lost."""
+    packets of each in their order, also with pauses amid a request, where the board has them; so
+    does a request behind one that is refused, and behind a measurement.  Nobody can tell from here
+    whether the line has two wires (RS-485), where requests and replies collide: then the first
+    reply is lost."""
     driver = BoardDriver(session)
-    # Each by itself: a sum in the middle may look like a command.
-    _judge_row(driver, IN_A_ROW, [driver.client.request(text) for text in IN_A_ROW])
+    for texts in (IN_A_ROW, *IN_PAIRS):
+        # Each by itself: a sum in the middle may look like a command.
+        _judge_row(driver, texts, [driver.client.request(text) for text in texts])
     poll = driver.client.request("*")
     driver.client.send(poll[:2])
     driver.target.wait(GAP_S)
@@ -193,26 +199,33 @@ def _judge_row(
     for piece in pieces:
         driver.client.send(piece)
         driver.target.wait(gap_s)
-    wanted = [(text, code) for text in texts for code in _codes(text)]
+    wanted = [(text[0], code) for text in texts for code in _codes(driver, text)]
+    limit_s = max(driver.client.limit_s(text) for text in texts)
     found, strays = list[codec.BoardPacket](), b""
     while len(found) < len(wanted):
-        packet, before = driver.client.receive_packet(driver.client.limit_s("*"))
+        packet, before = driver.client.receive_packet(limit_s)
         strays += before
         if packet is None:
             break
         found.append(packet)
     came = [*zip((packet.command for packet in found), codec.codes_of(found), strict=True)]
-    if came[:2] != wanted[:2] and texts is IN_A_ROW:
+    if texts is IN_A_ROW and came[:2] != wanted[:2]:
         driver.client.forget_frame()
         session.skip("not even the first reply came whole: the line seems to have two wires")
     is_right = came == wanted and not strays
     told = f"in answer to {len(texts)} requests in a row: {_row_in_words(wanted)}"
-    session.expect(is_right, None, told, _row_in_words(came) or strays.hex(" ") or "nothing")
+    session.expect(
+        is_right, "MN4-PKT-08", told, _row_in_words(came) or strays.hex(" ") or "nothing"
+    )
 
 
-def _codes(text: str) -> tuple[str, str]:
-    """What a poll or a read draws."""
-    return PRESENT if text == "*" else DATA
+def _codes(driver: BoardDriver, text: str) -> tuple[str, ...]:
+    """What a poll, a read or a refusal draws."""
+    refused = {
+        "W": driver.errors("INVALIDCOMMAND", is_recognised=False),
+        "X3": driver.errors("PARA_ERROR"), "K": ("START", "NOMOVEPENDING"), "*": PRESENT,
+    }  # fmt: skip
+    return refused.get(text, DATA)
 
 
 def _row_in_words(row: Sequence[tuple[str, str]]) -> str:

@@ -9,7 +9,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Requirements, Session
 from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.checks.queue import slow_board
-from axistwin_conformance.families.mn400.driver import DONE
+from axistwin_conformance.families.mn400.driver import DATA, DONE
 from axistwin_conformance.families.mn400.motion.board_motion import MOTION, BoardMotion
 from axistwin_conformance.families.mn400.motion.return_to_start import turn_hold_off
 
@@ -66,15 +66,22 @@ def release(motion: BoardMotion, requirement: Requirements, *, everyone: bool = 
 @check("MN4-CMD-H-01", "MN4-CMD-H-02", "MN4-CMD-K-01", "MN4-PKT-05", safety=MOTION)
 def a_held_move_waits_for_its_release(session: Session) -> None:
     """With hold on a move is accepted and no axis moves; K runs it, and nothing under a wrong sum
-    does, or ends hold.  With hold off it runs at once, and what H comes upon in motion is not
-    lost."""
+    does, or ends hold.  With hold off, be it in motion, it runs at once, and what H comes upon in
+    motion is not lost."""
     motion, steps = held(session)
     keep(motion, f"M{steps},{-steps}", "MN4-CMD-H-01")
     _stays_pending(motion)
     release(motion, "MN4-CMD-K-01")
     motion.follow("MN4-CMD-K-01")
     _judge_ignored(motion, f"M{-steps},{steps}")
-    _hold_off(motion)
+    if motion.driver.reading("hold_after_release") == "one_shot":
+        motion.set(hold_text(motion))
+    keep(motion, f"M,,{steps}", "MN4-CMD-H-01")
+    release(motion, "MN4-CMD-K-01")
+    _hold_off(motion)  # in motion
+    motion.do(f"M,,{-steps}", "MN4-CMD-H-02")
+    motion.driver.draws("?", DATA, "MN4-CMD-H-02")
+    motion.follow("MN4-CMD-H-02")
     motion.run(f"M{steps},{-steps}", "MN4-CMD-H-02")
     _hold_drops_nothing(motion, steps)
 
@@ -110,14 +117,16 @@ def _hold_drops_nothing(motion: BoardMotion, steps: int) -> None:
 
 @check("MN4-CMD-H-01", "MN4-CMD-K-01", safety=MOTION)
 def all_that_moves_is_held(session: Session) -> None:
-    """An arc and a contour wait for K as a move does, where hold keeps more than M."""
+    """An arc, a helix and a contour wait for K as a move does, where hold keeps more than M; they
+    run in the plane that was set."""
     if session.reading("hold_scope") == "M":
         session.skip("this board holds M alone (MN4-AMB-18)")
     motion, steps = held(session)
     radius = max(1, steps // 4)
-    arc, contour = f"A{-radius},0,{-2 * radius},0,1", ("(", f"M{steps}", f"M{steps}", ")")
-    for texts in ((arc,), contour):
-        if texts is contour and session.reading("hold_after_release") == "one_shot":
+    around, contour = f"{-radius},0,{-2 * radius},0,1", ("(", f"M{steps}", f"M{steps}", ")")
+    motion.set(motion.plane(2, 4, 1))
+    for number, texts in enumerate(((f"A{around}",), (f"+{around},{radius},1",), contour)):
+        if number and session.reading("hold_after_release") == "one_shot":
             motion.set(hold_text(motion))
         for text in texts[:-1]:
             motion.set(text)

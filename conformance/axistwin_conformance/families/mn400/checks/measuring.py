@@ -21,6 +21,8 @@ ORDER = 170
 
 SPEEDS: Final = (300, 1500)
 SLOW: Final = 500
+MANY_TICKS: Final = 4, 17_000  # multiplex and speed by which E2 counts more than 65535
+MANY_STEPS: Final = 24_000  # of that move
 LAST: Final = 12  # steps of the last segment of a contour: a quarter of what E1 counts
 
 
@@ -28,7 +30,8 @@ LAST: Final = 12  # steps of the last segment of a contour: a quarter of what E1
        "MN4-STM-01", safety=MOTION)  # fmt: skip
 def a_measurement_counts_ticks(session: Session) -> None:
     """At constant speed it is speed, multiplex and time, give or take a step, and it comes when the
-    time is over; a multiplex that is set meanwhile is for later moves."""
+    time is over, also of a move that has been paused; a multiplex that is set meanwhile is for
+    later moves."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(2000, "these moves")
     for mode, seconds in MEASURES_S.items():
@@ -37,28 +40,43 @@ def a_measurement_counts_ticks(session: Session) -> None:
                 if speed * (seconds + 0.3) < motion.room:
                     _judge_count(motion, mode, seconds, speed, multiplex)
     if motion.driver.reading("queue_modal") == "true":  # else it may be the present one that counts
-        _judge_count(motion, 1, MEASURES_S[1], SPEEDS[0], 2, "X4")
+        _judge_count(motion, 1, MEASURES_S[1], SPEEDS[0], 2, ("X4",))
+    _judge_count(motion, 1, MEASURES_S[1], SPEEDS[0], 2, ("{", "}"))
+    multiplex, speed = MANY_TICKS
+    if motion.room >= MANY_STEPS // 2 and motion.fast(speed) == speed:
+        _judge_count(motion, 2, MEASURES_S[2], speed, multiplex, aside=-MANY_STEPS // 2)
 
 
 def _judge_count(
-    motion: BoardMotion, mode: int, seconds: float, speed: int, multiplex: int, later: str = ""
+    motion: BoardMotion,
+    mode: int,
+    seconds: float,
+    speed: int,
+    multiplex: int,
+    later: Sequence[str] = (),
+    aside: int = 0,
 ) -> None:
-    """Judge the count of a move; `later`: a setting that is sent when it runs, for others."""
+    """Judge the count of a move; `later`: what is sent when it runs and changes no count; `aside`:
+    where it begins."""
     session, driver = motion.session, motion.driver
     motion.ready(f"X{multiplex}", speed=speed, profile=(speed, speed, 10_000))
-    far = min(motion.room, round(speed * (seconds + 0.6)))
+    if aside:
+        motion.run(f"M{aside}", "MN4-CMD-E-02", samples=1)
+    far = min(motion.room - aside, round(speed * (seconds + 0.6)))
     motion.do(f"M{far},{-far // 3}", "MN4-CMD-E-02")
-    if later:
-        motion.do(later, "MN4-STM-01")
+    for text in later:
+        motion.do(text, "MN4-STM-01")
     exchange = driver.draws(f"E{mode}", DATA, "MN4-CMD-E-02")
     fields = exchange.value.fields if exchange.value else None
-    told = f"to E{mode}" + (f" behind {later}" if later else "")
+    told = f"to E{mode}" + (f" behind {' and '.join(later)}" if later else "")
     session.expect(len(fields or ()) == AXES + 1, "MN4-CMD-E-02", "five numbers", fields, told)
     assert fields is not None
     wanted = speed * multiplex * seconds
     off = multiplex + (0 if motion.target.is_virtual else wanted * CLOCK_ERROR)
     is_right = abs(fields[-1] - wanted) <= off
-    names = ("MN4-STM-01",) if later else ("MN4-CMD-E-03", "MN4-MEA-02", "MN4-MEA-03")
+    names = (
+        ("MN4-STM-01",) if later[:1] == ("X4",) else ("MN4-CMD-E-03", "MN4-MEA-02", "MN4-MEA-03")
+    )
     session.expect(is_right, names, f"{wanted:g} within {float(off):g}", fields[-1], told)
     done, started = Fraction(exchange.done_ns, NS), Fraction(exchange.came_ns[0], NS)
     # A busy host may read START late, but it cannot have left before the request was complete.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mn400.driver import BoardDriver
+from axistwin_conformance.families.mn400 import codec
+from axistwin_conformance.families.mn400.driver import DONE, BoardDriver
 from axistwin_conformance.families.mn400.motion.board_motion import (
     MOTION,
     NS,
@@ -38,6 +39,7 @@ TIMES: Final = (
     ((1000, 5000, 80_000), 5000, 1600),
 )  # fmt: skip
 BESIDE_SPEED: Final = ((500, 1000), (3000, 5000), PROFILE[:2])  # V is not between the first two
+CLIPPING: Final = (200, 400, 10_000)  # below the speed
 PLAIN, RAMPED = (5000, 5000, 10_000), (500, 5000, 1000)
 # What is refused, and a speed and a profile with which it would show.
 REFUSED: Final = (
@@ -51,7 +53,7 @@ REFUSED_PARTS: Final = (
     "P2,1,5",
 )  # fmt: skip
 REFUSED_STEPS: Final = 400
-# What is sent under a wrong sum: each would show in the moves behind it.
+# What is sent under a wrong sum, or to another board: each would show in the moves behind it.
 IGNORED: Final = (
     "V1000", "F50,50,1000", "B200,200,0,0", "D-1,-1,1,1", "L9,9,9,9", "H1", "J1", "(",
 )  # fmt: skip
@@ -66,6 +68,7 @@ SPARE: Final = 500  # steps of room that are left for what backlash may have bee
 FINE: Final = (4, (1, Fraction(-1, 3), Fraction(9999, 10_000), Fraction(1, 1000)))
 LONG: Final = (1, (Fraction(-1, 3000), Fraction(1, 4), -1, Fraction(9999, 10_000)))
 FAR_UP: Final = 2_147_483_640
+BETWEEN: Final = (4800, 16_000, 30_000)  # steps/s; a move takes two seconds, or all the room
 CAPPED: Final = 16_000, 50_000  # steps and a speed that X4 halves, but of one axis alone
 # What no multiplex makes slower, and whose time that is: a multiplex, what is set, a motion.
 MULTIPLEXED: Final = (
@@ -125,7 +128,8 @@ def coordinates_are_those_of_the_mode(session: Session) -> None:
         ("M10,10,10,10", "MN4-CMD-M-02"),
     ):  # fmt: skip
         motion.run(text, requirement)
-    motion.do(motion.mode(is_absolute=True), "MN4-CMD-I-02")
+    for _ in range(2):  # it is a mode, no switch
+        motion.do(motion.mode(is_absolute=True), "MN4-CMD-I-02")
     for text, names in (
         ("M50,40,30,20", ("MN4-CMD-M-02", "MN4-CMD-I-01", "MN4-CMD-L-02")),
         ("M,,-10", ("MN4-PAR-06", "MN4-CMD-I-03")), ("M60", ("MN4-PAR-07",)),
@@ -135,7 +139,8 @@ def coordinates_are_those_of_the_mode(session: Session) -> None:
         motion.run(text, names)
     motion.do("L100,100,100,100", "MN4-CMD-L-02")
     motion.run("M120,90,100,110", "MN4-CMD-L-02")
-    motion.do(motion.mode(is_absolute=False), "MN4-CMD-I-03")
+    for _ in range(2):
+        motion.do(motion.mode(is_absolute=False), "MN4-CMD-I-03")
     for text in ("M-20,10,0,-10", "M1"):
         motion.run(text, "MN4-CMD-I-03")
 
@@ -144,7 +149,8 @@ def coordinates_are_those_of_the_mode(session: Session) -> None:
        "MN4-MOT-14", safety=MOTION)  # fmt: skip
 def moves_take_the_time_of_their_profile(session: Session) -> None:
     """Ramps from start speed and back, a lower peak where the way is short, end speed at most, no
-    ramp below start speed.  A profile whose end is below V, or its start above, leaves V alone."""
+    ramp below start speed.  A profile whose end is below V, or its start above, leaves V alone, and
+    so does a motion by it."""
     motion = BoardMotion(BoardDriver(session))
     for profile, speed, steps in TIMES:
         motion.needs_speed(min(speed, profile[1]), "these moves")
@@ -163,6 +169,13 @@ def moves_take_the_time_of_their_profile(session: Session) -> None:
         start, end = map(motion.fast, speeds)
         motion.do(f"F{start},{end},{PROFILE[2]}", "MN4-CMD-F-01")
     motion.run("M2000", "MN4-CMD-F-01", samples=4)
+    for texts in (("M40",), ("A-10,0,-20,0,1",), ("(", "M20", "M20", ")")):
+        motion.ready(profile=CLIPPING)
+        for text in texts:
+            motion.do(text, "MN4-CMD-V-01")
+        motion.follow("MN4-CMD-V-03", samples=1)
+        motion.do(f"F{','.join(map(str, PROFILE))}", "MN4-CMD-F-01")
+        motion.run("M-1000", "MN4-CMD-V-01", samples=3)
 
 
 @check("MN4-ERR-02", safety=MOTION)
@@ -301,10 +314,17 @@ def _judge_long(
 
 @check("MN4-MOT-02", safety=MOTION)
 def the_slowest_and_the_fastest_rate_are_kept(session: Session) -> None:
-    """2 steps/s, and 100000 where the envelope lets it."""
+    """2 steps/s, and up to 100000 as far as the envelope lets it."""
     motion = BoardMotion(BoardDriver(session))
     motion.ready("V2")
     motion.run("M3,-1", "MN4-MOT-02")
+    for speed in BETWEEN:
+        steps = motion.within(2 * speed)
+        if session.envelope.max_speed < speed:
+            break
+        motion.ready(speed=speed, profile=(speed, 2 * speed, 1_000_000))
+        for by in (steps, -steps):
+            motion.run(f"M{by}", "MN4-MOT-02", samples=4)
     if motion.room < 50_000 or session.envelope.max_speed < 100_000:
         return
     motion.ready(speed=100_000, profile=(100_000, 100_000, 1_000_000))
@@ -314,8 +334,8 @@ def the_slowest_and_the_fastest_rate_are_kept(session: Session) -> None:
 @check("MN4-CMD-V-05", "MN4-CMD-F-03", "MN4-MOT-15", "MN4-STM-01", "MN4-CMD-I-04", "MN4-RSP-06",
        safety=MOTION)  # fmt: skip
 def a_move_keeps_the_settings_of_its_time(session: Session) -> None:
-    """V, F, I, P and B that come during a motion are for those behind it; each move ramps by
-    itself."""
+    """V, F, I, P, B and X that come during a motion are for those behind it, and a move of no
+    steps takes nothing from them; each move ramps by itself."""
     motion = BoardMotion(BoardDriver(session))
     motion.needs_room(1400, "these moves")
     for text, requirement in (
@@ -329,6 +349,11 @@ def a_move_keeps_the_settings_of_its_time(session: Session) -> None:
     for settings, runs, sent, waits in (
         ((), "A-200,0,-400,0,1", motion.plane(1, 2, 4), "A100,0,200,0,-1"),
         (("V100", "B50,50,0,0"), "M-30,-10", "B4,4,0,0", "M20,10"),  # sent within 0.5 s
+        ((), "A-200,0,-400,0,1", "X2", "M40,-30"),
+        ((), "+-200,0,-400,0,1,-30,0", "M", "M40,-30"),
+        ((), "M400", "V-1", "V2000"),
+        ((), "M400", "M0", "M,50"),
+        ((), "M400", "M,,,", "+-50,0,-100,0,1,30,0"),
     ):
         motion.ready(*settings)
         for text in (runs, sent, waits):
@@ -363,7 +388,7 @@ def counters_go_round(session: Session) -> None:
     motion.ready()
 
 
-@check("MN4-PKT-05", "MN4-PKT-12", "MN4-ERR-02", safety=MOTION)
+@check("MN4-PKT-05", "MN4-PKT-12", "MN4-ERR-02", "MN4-PAR-07", safety=MOTION)
 def what_is_refused_moves_nothing(session: Session) -> None:
     """M with a wrong sum, with a letter in a number, with a space in it; settings, what opens and
     what ends with a wrong sum: motions are as if it had not been sent."""
@@ -382,52 +407,71 @@ def what_is_refused_moves_nothing(session: Session) -> None:
             motion.stays("MN4-PKT-12")
     counters, _ = motion.read()
     session.expect(not any(counters), "MN4-PKT-05", "0, 0, 0, 0", counters)
-    _judge_ignored_settings(motion)
-    _judge_ignored_ends(motion)
+    driver.ignores("M5,7,9,11")
+    motion.run("M5", ("MN4-PKT-05", "MN4-PAR-07"))
+    driver.draws("M5,7,9,1a", driver.errors("PARA_ERROR"), "MN4-ERR-02")
+    motion.run("M,5", ("MN4-ERR-02", "MN4-PAR-07"))
+    _judge_ignored_settings(motion, driver.ignores, "MN4-PKT-05")
+    _judge_ignored_ends(motion, driver.ignores, "MN4-PKT-05")
 
 
-def _judge_ignored_settings(motion: BoardMotion) -> None:
-    """What sets, holds or opens under a wrong sum: moves there and back, and an arc, are as
+@check("MN4-PKT-06", safety=MOTION, needs=("alone",))
+def what_another_board_is_told_moves_nothing(session: Session) -> None:
+    """Settings, what opens and what ends, to another id: motions are as if it had not been sent."""
+    motion = BoardMotion(BoardDriver(session))
+    other = motion.driver.board % 127 + 1
+
+    def passes(text: str) -> None:
+        if text != "}":  # of another board nobody knows where that leads
+            motion.driver.client.send(codec.request(other, text))
+
+    _judge_ignored_settings(motion, passes, "MN4-PKT-06")
+    _judge_ignored_ends(motion, passes, "MN4-PKT-06")
+
+
+def _judge_ignored_settings(motion: BoardMotion, ignores: Callable[[str], None], name: str) -> None:
+    """What sets, holds or opens and is not taken: moves there and back, and an arc, are as
     before."""
     steps = motion.within(IGNORED_STEPS)
     motion.ready("B60,60,0,0", speed=steps)
     plane, mode = motion.plane(2, 1, 3), motion.mode(is_absolute=True)
     for text in (*IGNORED, plane, mode):
-        motion.driver.ignores(text)
+        ignores(text)
     for text in (f"M{steps},5", f"M{-steps},-5"):
-        motion.run(text, "MN4-PKT-05")
-    motion.do("B0,0,0,0", "MN4-PKT-05")  # in an arc it may be taken up otherwise (MN4-AMB-58)
-    motion.run("A-20,0,-40,0,1", "MN4-PKT-05")
+        motion.run(text, name)
+    motion.do("B0,0,0,0", name)  # in an arc it may be taken up otherwise (MN4-AMB-58)
+    motion.run("A-20,0,-40,0,1", name)
 
 
-def _judge_ignored_ends(motion: BoardMotion) -> None:
-    """What ends, pauses, resumes or runs under a wrong sum: a move, its pause, and a contour that
+def _judge_ignored_ends(motion: BoardMotion, ignores: Callable[[str], None], name: str) -> None:
+    """What ends, pauses, resumes or runs and is not taken: a move, its pause, and a contour that
     is entered go on."""
     steps = motion.within(IGNORED_STEPS)
     motion.ready(speed=steps)
-    motion.do(f"M{steps}", "MN4-PKT-05")
+    motion.do(f"M{steps}", name)
     for text in "Q{":
-        motion.driver.ignores(text)
-    motion.follow("MN4-PKT-05")
-    motion.do(f"M{-steps}", "MN4-PKT-05")
-    motion.do("{", "MN4-PKT-05")
+        ignores(text)
+    motion.follow(name)
+    motion.do(f"M{-steps}", name)
+    motion.do("{", name)
     motion.rest_paused()
     for text in "}Q":
-        motion.driver.ignores(text)
-    motion.stays("MN4-PKT-05")
-    motion.do("}", "MN4-PKT-05")
-    motion.follow("MN4-PKT-05")
+        ignores(text)
+    motion.stays(name)
+    motion.do("}", name)
+    motion.follow(name)
     motion.set("(")
-    motion.do(f"M{steps}", "MN4-PKT-05")
+    motion.do(f"M{steps}", name)
     for text in ("V50", "Q", ")"):
-        motion.driver.ignores(text)
-    motion.do(")", "MN4-PKT-05")
-    motion.follow("MN4-PKT-05")
+        ignores(text)
+    motion.do(")", name)
+    motion.follow(name)
 
 
-@check("MN4-SYN-02", safety=MOTION)
+@check("MN4-SYN-02", "MN4-CMD-T-02", "MN4-CMD-T-03", safety=MOTION)
 def a_positive_speed_ends_external_sync(session: Session) -> None:
-    """Behind V-1 a move waits for pulses, and Q ends it; behind V2000 one runs in its time."""
+    """Behind V-1 a move waits for pulses, and Q ends it; behind V2000 one runs in its time.  T
+    waits as well, and N tells how far it will go."""
     motion = BoardMotion(BoardDriver(session))
     motion.ready("V-1")
     motion.do("M100", "MN4-SYN-02")
@@ -436,3 +480,13 @@ def a_positive_speed_ends_external_sync(session: Session) -> None:
     session.note(f"without pulses the counters were {counters}")
     motion.ready()
     motion.run(f"M{motion.within(SPEED)}", "MN4-SYN-02")
+    for is_absolute, x, y, loaded in ((False, 20, -10, 0), (True, 120, -40, 100)):
+        motion.ready(motion.mode(is_absolute=is_absolute), f"L{loaded},{-loaded},0,0")
+        motion.driver.draws(f"T{x},{y},0,0,1000,0", DONE, "MN4-CMD-T-03")
+        left, wanted = (
+            motion.driver.steps_left(),
+            motion.driver.counted((x - loaded, y + loaded, 0, 0)),
+        )
+        session.expect(left == wanted, "MN4-CMD-T-02", wanted, left, "left while T waits")
+        motion.driver.draws("Q", DONE, "MN4-CMD-T-03")
+        motion.run("M130,-60", "MN4-CMD-T-03", samples=2)

@@ -59,11 +59,11 @@ def stops_within(motion: BoardMotion, taken: Span, *, is_ramped: bool) -> tuple[
 
 
 @check("MN4-CMD-PAU-01", "MN4-CMD-PAU-02", "MN4-CMD-N-01", "MN4-MEA-05", "MN4-PAU-01",
-       "MN4-CMD-SW-02", safety=MOTION)  # fmt: skip
+       "MN4-CMD-SW-02", "MN4-CMD-V-01", "MN4-RSP-14", safety=MOTION)  # fmt: skip
 def a_move_stands_where_it_is_paused(session: Session) -> None:
     """Half-way at start speed, and braking to it from a higher one, with a multiplex as well; E and
     N add up to the whole, : tells of the pause, and } goes on to the end; a second { pauses it as
-    the first did."""
+    the first did.  The next move has its speed, and nothing comes unasked."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(2000, "these moves")
@@ -89,6 +89,8 @@ def a_move_stands_where_it_is_paused(session: Session) -> None:
             _judge_once_more(motion, resumed, here, by)
         rows = (here, *motion.follow("MN4-CMD-PAU-02", samples=4))
         session.expect(is_monotone(rows, by), "MN4-CMD-PAU-02", f"no way back on {by}", rows)
+        if multiplex == 1 and speed > 1000:
+            motion.run(f"M{-by[0]}", "MN4-CMD-V-01", samples=3)
 
 
 def _judge_once_more(
@@ -159,13 +161,22 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
             session.expect(code == 0, "MN4-PAU-03", 0, code, "exit code after pauses")
             left, after = driver.steps_left(), f"after {text} with pauses"
             session.expect(left == (0,) * AXES, "MN4-CMD-N-02", "0, 0, 0, 0", left, after)
+    motion.ready(speed=motion.fast(3000), profile=RAMPED)
+    for text, lasts_s in (("M1500,-400", 0.7), ("M-1500,400", 0.8)):  # amid its last ramp
+        motion.do(text, "MN4-CMD-PAU-02")
+        wanted = motion.end
+        for order in "{}":
+            driver.target.wait(lasts_s)
+            motion.do(order, "MN4-CMD-PAU-02")
+        counters, names = motion.rest(), ("MN4-PAU-02", "MN4-CMD-PAU-02")
+        session.expect(inside(counters, wanted), names, told(wanted), counters, f"{text}, paused")
 
 
 @check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-CMD-Q-01",
        "MN4-CMD-N-02", "MN4-CMD-SW-02", "MN4-ERR-02", safety=MOTION)  # fmt: skip
 def pauses_end_as_they_should(session: Session) -> None:
     """A pause at rest holds nothing back; what is asked for in a pause waits behind it, whatever is
-    refused meanwhile; Q drops all of it."""
+    refused meanwhile, and one } ends it, however many { there were; Q drops all of it."""
     motion = BoardMotion(BoardDriver(session))
     driver = motion.driver
     motion.needs_room(1100, "these moves")
@@ -180,14 +191,14 @@ def pauses_end_as_they_should(session: Session) -> None:
     driver.target.wait(0.3)
     motion.do("{", "MN4-PAU-04")
     here = motion.rest_paused()
-    for text in ("V1000", "|", "M0,100"):
+    for text in ("{", "V1000", "|", "M0,100"):
         motion.do(text, "MN4-PAU-04")
     after = motion.stays("MN4-PAU-04")
     session.expect(after == here, "MN4-PAU-04", here, after)
     driver.draws("X3", driver.errors("PARA_ERROR"), "MN4-ERR-02")
     _judge_flags(motion, is_paused=True)
     motion.do("}", "MN4-CMD-PAU-02")
-    counters, names = motion.rest(), ("MN4-PAU-04", "MN4-ERR-02")
+    counters, names = motion.rest(), ("MN4-PAU-04", "MN4-ERR-02", "MN4-CMD-PAU-02")
     session.expect(counters == (1000, 100, 0, 0), names, "1000, 100, 0, 0", counters)
     motion.ready(speed=1000)
     motion.do("M1000", "MN4-PAU-05")
@@ -321,6 +332,12 @@ def quit_stops_and_forgets(session: Session) -> None:
         _judge_rest(motion, here, aim, "MN4-CMD-N-02", "after Q")
         motion.do("Q", "MN4-CMD-Q-03")
         _judge_rest(motion, here, aim, "MN4-CMD-Q-03", "after Q and a Q at rest")
+        motion.do("M0,0,-600", "MN4-QUIT-02")
+        driver.target.wait(0.1)
+        motion.do("Q", "MN4-CMD-Q-01")
+        again = motion.rest()
+        aim = (*here[:2], here[2] - 600, here[3])
+        _judge_rest(motion, again, aim, "MN4-CMD-N-02", "after a second move and Q")
         motion.run("M10,10", "MN4-QUIT-02")
         motion.do(motion.mode(is_absolute=True), "MN4-QUIT-02")
         motion.run("M0,0,0,0", "MN4-QUIT-02")

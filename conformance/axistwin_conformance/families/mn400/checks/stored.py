@@ -13,6 +13,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mn400.checks.queue import needs_flags
 from axistwin_conformance.families.mn400.driver import DONE, PRESENT, BoardDriver
+from axistwin_conformance.families.mn400.motion.return_to_start import wait_for_rest
 from axistwin_conformance.families.mn400.persistence.programs import (
     PROFILE,
     end_program,
@@ -32,9 +33,15 @@ LINES: Final = ("V1500", "x4", "L5,-6,7,8", "E", "Q", "*", "s", "?", "(", "V1")
 OTHER_LINES: Final = ("X2", "Y500")
 STEPS: Final = 10
 SLOW_SPEED, FAST_SPEED = 20, 200  # steps/s, both below the start speed: no ramps
-THERE_AND_BACK: Final = (f"V{SLOW_SPEED}", f"M{STEPS}", f"V{FAST_SPEED}", f"M-{STEPS}")
+THERE_AND_BACK: Final = (f"V{SLOW_SPEED}", f"m{STEPS}", f"v{FAST_SPEED}", f"M-{STEPS}")
 LAST_SPEED: Final = f"V{SLOW_SPEED}"
 ONE_BY_ONE: Final = (f"V{SLOW_SPEED}", f"M{STEPS}", f"M,{STEPS}")
+# Lines that lead axes 1, 2 and 4 there and back but for a few steps, in the plane of power-on.
+MOTIONS: Final = (
+    "M6,,,8", "(", "M4", "m3,5", ")", "A-2,0,-4,0,1", "+-2,0,-4,0,1,3,0",
+)  # fmt: skip
+MOTIONS_END: Final = (5, 8, 0, 8)
+MANY_LINES: Final = 260  # more than a byte counts
 MOVE_S: Final = STEPS / SLOW_SPEED
 LATE_S: Final = 0.2  # what a board may take for a line of a program
 AT_REST: Final = (0, 0, 0, 0)
@@ -46,10 +53,12 @@ LOAD: Final = "L7,7,7,7"
 # --- what is entered ------------------------------------------------------------------------------
 
 
-@check("MN4-NVM-01", "MN4-NVM-02", "MN4-STM-04", "MN4-STM-05", "MN4-CMD-Q-04", safety=STORED)
+@check("MN4-NVM-01", "MN4-NVM-02", "MN4-STM-04", "MN4-STM-05", "MN4-CMD-Q-04",
+       "MN4-CMD-RTX-01", safety=STORED)  # fmt: skip
 @restoring("VXL")
 def a_program_is_kept_and_not_carried_out(session: Session) -> None:
-    """Whatever is sent behind Z draws START and DONE, does nothing, and is listed by R as sent."""
+    """Whatever is sent behind Z draws START and DONE, does nothing, and is listed by R as sent; &
+    repeats the last packet of that."""
     driver = BoardDriver(session)
     driver.command("L1,2,3,4")
     with program_entry(driver):
@@ -62,6 +71,7 @@ def a_program_is_kept_and_not_carried_out(session: Session) -> None:
     position = driver.position()
     session.expect(position == (1, 2, 3, 4), "MN4-NVM-01", "1, 2, 3, 4", position)
     judge_listing(driver, LINES, ("MN4-NVM-02", "MN4-STM-04"))
+    driver.repeats(driver.ask("R"), "MN4-CMD-RTX-01")
 
 
 def judge_listing(
@@ -277,11 +287,42 @@ def a_running_program_says_nothing(session: Session) -> None:
         session.expect(not came, "MN4-RSP-14", "nothing", came.hex(" ").upper())
 
 
-@check("MN4-CMD-Q-05", "MN4-CMD-U-01", safety=RUNNING)
+@check("MN4-NVM-10", "MN4-CMD-U-01", "MN4-CC-01", safety=RUNNING)
+@restoring("IVFL")
+def a_program_may_hold_every_motion(session: Session) -> None:
+    """A move, a contour, an arc and a helix: the counters are those at the end of
+    all of them, one behind the other."""
+    driver = BoardDriver(session)
+    if driver.reading("program_replies") == "true":
+        session.skip("the replies of a running program fall into the reading of positions")
+    for text in ("L0,0,0,0", PROFILE):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), f"V{FAST_SPEED}", *MOTIONS))
+    driver.draws("U", DONE, ("MN4-CMD-U-01", "MN4-NVM-10"))
+    driver.target.wait(MOVE_S + len(MOTIONS) * LATE_S)
+    position, names = driver.position(), ("MN4-CMD-U-01", "MN4-NVM-10", "MN4-CC-01")
+    session.expect(position == MOTIONS_END, names, MOTIONS_END, position, "behind the program")
+
+
+@check("MN4-CMD-U-01", safety=RUNNING, level="full")
+@restoring("IVFL")
+def a_program_of_many_lines_runs_to_its_end(session: Session) -> None:
+    """Each line moves an axis by a step."""
+    driver = BoardDriver(session)
+    for text in ("L0,0,0,0", PROFILE, f"V{FAST_SPEED}"):
+        driver.command(text)
+    enter_program(driver, (relative_mode(driver), *["M1", "M,-1"] * (MANY_LINES // 2)))
+    driver.draws("U", DONE, "MN4-CMD-U-01")
+    driver.target.wait(MANY_LINES / FAST_SPEED + LATE_S)
+    position, wanted = wait_for_rest(driver), (MANY_LINES // 2, -MANY_LINES // 2, 0, 0)
+    session.expect(position == wanted, "MN4-CMD-U-01", wanted, position, "behind the program")
+
+
+@check("MN4-CMD-Q-05", "MN4-CMD-U-01", "MN4-NVM-02", safety=RUNNING)
 @restoring("IVFL")
 def quit_ends_a_running_program(session: Session) -> None:
-    """Q during the first move: the axis stands, and the second move never comes; U begins with the
-    first line again."""
+    """Q during the first move: the axis stands, and the second move never comes; R lists all of it
+    still, and U begins with the first line again."""
     driver = BoardDriver(session)
     for text in ("L0,0,0,0", PROFILE):
         driver.command(text)
@@ -295,6 +336,7 @@ def quit_ends_a_running_program(session: Session) -> None:
     session.expect(first == last, "MN4-CMD-Q-05", first, last, f"{3 * MOVE_S} s after Q")
     is_cut = 0 < last[0] < STEPS and last[1:] == AT_REST[1:]
     session.expect(is_cut, "MN4-CMD-Q-05", f"less than {STEPS} steps of axis 1 alone", last)
+    judge_listing(driver, (relative_mode(driver), *ONE_BY_ONE), ("MN4-NVM-02",))
     driver.draws("U", DONE, "MN4-CMD-U-01")
     driver.target.wait(2 * MOVE_S + 2 * LATE_S)
     end, wanted = driver.position(), (last[0] + STEPS, STEPS, 0, 0)

@@ -22,6 +22,7 @@ from typing import Final
 from axistwin_conformance.base.errors import OutsideEnvelope
 from axistwin_conformance.core.session import Requirements
 from axistwin_conformance.core.wording import REQUEST, Observation
+from axistwin_conformance.families.mn400 import codec, words
 from axistwin_conformance.families.mn400.client import BoardExchange
 from axistwin_conformance.families.mn400.driver import AXES, DATA, DONE, BoardDriver
 from axistwin_conformance.families.mn400.model.board import BoardModel
@@ -250,8 +251,21 @@ class BoardMotion:
         self.wait_until(
             last + (0 if self.target.is_virtual else LAG_S + (last - now) * CLOCK_ERROR)
         )
+        self._judge_quiet()
         seen.append(self._stopped(last - now, time or path, end or path))
         return tuple(seen)
+
+    def _judge_quiet(self) -> None:
+        """Judge that nothing has come since the last reply, where a check names that."""
+        check = self.session.check
+        if check is None or "MN4-RSP-14" not in check.declared:
+            return
+        raw = self.driver.client.listen(0)
+        found, _ = codec.packets(raw)
+        is_quiet = not any(one.is_sound and one.command != "E" for one in found)  # E may come late
+        came = words.explain_reply(raw) or "nothing"
+        told, when = "nothing behind the reply to E", "while the motion came to its end"
+        self.session.expect(is_quiet, "MN4-RSP-14", told, came, when)
 
     @property
     def _exchange_s(self) -> Fraction:
