@@ -89,6 +89,8 @@ WRONG: dict[str, tuple[Make, str]] = {
     "coordinates_are_those_of_the_mode": (hears(("I1", "I0")), "MN4-CMD-M-02"),
     "moves_take_the_time_of_their_profile": (hears(("V1500", "V1450")), "MN4-CMD-V-01"),
     "speed_is_that_of_the_axis_that_goes_farthest": (hears(("X4", "V1900")), "MN4-MOT-01"),
+    "what_another_board_is_told_moves_nothing": (hears(("B60,60,0,0", "B0,0,0,0")), "MN4-PKT-06"),
+    "an_arc_may_be_of_a_large_circle": (hears(("V500", "V900")), "MN4-ARC-04"),
     "a_multiplex_leaves_every_motion_its_time": (hears(("X4", "V700")), "MN4-MOT-05"),
     "long_moves_keep_their_proportion": (
         hears(("M20000,-6667,19998,20", "M20000,-6667,19990,20")), "MN4-CMD-M-02",
