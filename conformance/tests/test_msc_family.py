@@ -277,7 +277,7 @@ def test_a_block_that_depends_on_what_was_read_before_is_the_units_failure(tell:
         if one.name != "BREAD" or not told:
             return told
         last, before = tell(told[-4:], before)
-        return told[:-4] + last
+        return bytes(told[:-4] + last)
 
     port.served = telling
     session = session_of(port)

@@ -105,8 +105,8 @@ def a_slot_is_that_of_the_low_three_bits(patch: MonkeyPatch) -> None:
     """Replies to a poll wait for as many slots as the id has in its low three bits."""
 
     def act(go: Any_, board: Any, letter: str, payload: bytes) -> int:
-        waits = board.address - 1
-        return int(go()) * (waits % 8) // max(1, waits)
+        waits, slot_ns = int(board.address) - 1, int(go())
+        return slot_ns * (waits % 8) // max(1, waits)
 
     around(patch, Mn400Board, "_slot_ns", act)
 

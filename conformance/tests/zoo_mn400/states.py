@@ -263,7 +263,7 @@ def a_pause_is_answered_only(patch: MonkeyPatch) -> None:
 def a_move_is_paused_but_once(patch: MonkeyPatch) -> None:
     """{ pauses nothing of a move that has been resumed."""
 
-    resumed: list[Any_] = []
+    resumed: list[object] = []
 
     def resume(go: Any_, mover: Mover, now: int, reason: str = "command") -> None:
         if mover.is_paused and reason == "command":

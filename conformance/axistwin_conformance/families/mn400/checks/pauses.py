@@ -168,8 +168,8 @@ def pauses_anywhere_lose_no_step(session: Session) -> None:
         for order in "{}":
             driver.target.wait(lasts_s)
             motion.do(order, "MN4-CMD-PAU-02")
-        counters, names = motion.rest(), ("MN4-PAU-02", "MN4-CMD-PAU-02")
-        session.expect(inside(counters, wanted), names, told(wanted), counters, f"{text}, paused")
+        counters, both = motion.rest(), ("MN4-PAU-02", "MN4-CMD-PAU-02")
+        session.expect(inside(counters, wanted), both, told(wanted), counters, f"{text}, paused")
 
 
 @check("MN4-CMD-PAU-04", "MN4-PAU-04", "MN4-PAU-05", "MN4-CMD-PAU-02", "MN4-CMD-Q-01",
