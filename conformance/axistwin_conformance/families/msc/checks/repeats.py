@@ -95,6 +95,7 @@ def a_sign_counts_whenever_it_comes(session: Session) -> None:
     driver = MscDriver(session)
     if not is_surely(session, "ack_timeout_action", "retransmit"):
         session.skip("nothing tells how long this device waits for a sign")
+    driver.link.alive("MSC-LNK-08")
     ack_timeout_s = driver.client.ack_timeout_s
     late_s = driver.link.latency_ns / 1e9 + int(session.reading("reply_delay_ms")) / 1000
     if _limit_s(driver) <= max(ack_timeout_s * LEAST, late_s * SPARE):
