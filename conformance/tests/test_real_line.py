@@ -19,6 +19,7 @@ STOPPING = (
 
 # What needs a speed of its own; the rest runs as slowly as --max-speed asks for.
 MATTERS_OF_SPEED = {
+    "long_ways_are_counted_in_full",
     "the_manuals_examples_get_their_printed_replies",
     "digits_printed_x_have_no_effect_in_commands",
 }
