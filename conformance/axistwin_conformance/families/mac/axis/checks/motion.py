@@ -38,7 +38,7 @@ TOLD: Final = {True: "busy", False: "not busy"}
 BUSY: Final = 0x08  # of byte cc of 27h: 0 while busy
 TABLE: Final = (
     (1, 1), (2, 1), (3, 1), (10, 1), (100, 1), (239, 1), (240, 1), (241, 1), (479, 2), (481, 2),
-    (40, 0x80),
+    (48, 0x80),
 )  # fmt: skip
 LONG_TABLE: Final = ((1000, 1), (1000, 10), (10000, 10))
 LONG_WAYS: Final = (0x8000, 0x10000, 0x1000000)  # increments at full speed
