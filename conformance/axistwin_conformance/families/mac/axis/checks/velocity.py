@@ -181,7 +181,8 @@ def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
             parameter = velocity(-direction, 0) if index == 0x15 else 0
             stop = driver.judge.accepted(index, parameter, requirement=name)
             stopped = forecast.stopped(stop.taken)
-            locked_on_the_way_down(driver, stopped)
+            if coefficient > 1:  # the first one is watched from its beginning
+                locked_on_the_way_down(driver, stopped)
             place = driver.motion.watch(stopped, name, samples=3)
             driver.client.wait(0.2)
             session.expect(
