@@ -231,8 +231,10 @@ def at_a_negative_speed_pulses_pace_every_move(session: Session) -> None:
         session.expect(inside(counters, place), "MN4-SYN-01", told(place), counters, f"at {done}")
     after = fed(motion, 10)
     session.expect(after == BY, "MN4-SYN-01", BY, after, "pulses beyond the end")
+    motion.ready("V-1")
     _judge_paced_arc(motion)
     if "limit_plus" in session.rig.capabilities:
+        motion.ready("V-1")
         session.rig.work("limit_plus", True, number=2)
         _judge_paced_arc(motion, ", with the + limit of axis 2 on, which stands")
         session.rig.work("limit_plus", False, number=2)
@@ -241,7 +243,6 @@ def at_a_negative_speed_pulses_pace_every_move(session: Session) -> None:
 def _judge_paced_arc(motion: BoardMotion, when: str = "") -> None:
     """Judge that half a circle of 283 ticks goes on with its pulses alone."""
     session = motion.session
-    motion.ready("V-1")
     motion.driver.draws("A-100,0,-200,0,1", DONE, "MN4-CMD-A-05")
     motion.stays("MN4-CMD-A-05")
     under_way = fed(motion, 150)
