@@ -309,6 +309,8 @@ def a_program_may_hold_every_motion(session: Session) -> None:
 def a_program_of_many_lines_runs_to_its_end(session: Session) -> None:
     """Each line moves an axis by a step."""
     driver = BoardDriver(session)
+    if driver.reading("program_replies") == "true":
+        session.skip("the replies to its lines would be what takes the time (MN4-AMB-53)")
     for text in ("L0,0,0,0", PROFILE, f"V{FAST_SPEED}"):
         driver.command(text)
     enter_program(driver, (relative_mode(driver), *["M1", "M,-1"] * (MANY_LINES // 2)))
