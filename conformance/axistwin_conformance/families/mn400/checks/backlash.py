@@ -17,8 +17,6 @@ WIDE: Final = 300  # steps: more than a byte holds
 FEW: Final = 40
 SLOW: Final = 500
 RAMPED: Final = (200, 4000, 10_000)  # start, end, acceleration: at neither of these speeds for long
-# Both its axes turn round, and go on as they set out; what they take up comes to its speed.
-RAMPLESS, RAMPLESS_AT = "A-150,0,-150,-150,1", 1000
 UNEVEN: Final = f"B{LASH},30,{LASH},30"  # so that it shows which axes make these steps
 ALL: Final = f"B{LASH},{LASH},{LASH},{LASH}"
 # What waits behind a move of axis 1 until Q drops it: a move, an arc and a contour by which each
@@ -73,13 +71,10 @@ def a_turn_costs_the_steps_of_the_backlash(session: Session) -> None:
 
 @check("MN4-BKL-01", safety=MOTION)
 def a_move_begins_from_rest_behind_its_compensation(session: Session) -> None:
-    """With ramps: the compensation is a move of its own, of an arc too, which has none."""
+    """With ramps: the compensation is a move of its own."""
     motion = _ramped(session)
     for text in ("M-300", "M300"):
         motion.run(text, "MN4-BKL-01", samples=8)
-    if motion.driver.reading("backlash_arc") == "start_only":
-        motion = _ramped(session, RAMPLESS_AT)
-        motion.run(RAMPLESS, "MN4-BKL-01", samples=8)
 
 
 @check("MN4-BKL-07", safety=MOTION)
@@ -93,11 +88,11 @@ def a_contour_begins_from_rest_behind_its_compensation(session: Session) -> None
     motion.follow("MN4-BKL-07", samples=8)
 
 
-def _ramped(session: Session, speed: int = RAMPED[1]) -> BoardMotion:
+def _ramped(session: Session) -> BoardMotion:
     """Backlash on all axes, and a speed that is reached by ramps."""
     motion = begun(session)
     start, end = (motion.fast(one) for one in RAMPED[:2])
-    motion.ready(ALL, speed=min(speed, end), profile=(start, end, RAMPED[2]))
+    motion.ready(ALL, speed=end, profile=(start, end, RAMPED[2]))
     return motion
 
 

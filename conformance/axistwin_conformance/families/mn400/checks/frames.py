@@ -186,7 +186,8 @@ def packets_in_a_row_are_answered_one_by_one(session: Session) -> None:
     poll = driver.client.request("*")
     driver.client.send(poll[:2])
     driver.target.wait(GAP_S)
-    if driver.client.ask_raw(poll[2:]).says(*PRESENT):  # else: MN4-PKT-09
+    alone = driver.client.ask_raw(poll[2:], driver.client.limit_s("*"))
+    if alone.says(*PRESENT):  # else: MN4-PKT-09
         _judge_row(driver, "**", [poll[:2], poll[2:] + poll[:2], poll[2:]], GAP_S)
 
 
