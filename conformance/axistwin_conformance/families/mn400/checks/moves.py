@@ -489,4 +489,5 @@ def a_positive_speed_ends_external_sync(session: Session) -> None:
         is_right = all(abs(one - other) <= 1 for one, other in zip(left, wanted, strict=True))
         session.expect(is_right, "MN4-CMD-T-02", wanted, left, "left while T waits")
         motion.driver.draws("Q", DONE, "MN4-CMD-T-03")
+        motion.rest()
         motion.run("M130,-60", "MN4-CMD-T-03", samples=2)
