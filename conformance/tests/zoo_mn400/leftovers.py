@@ -280,6 +280,20 @@ def what_is_left_of_two_motions_adds_up(patch: MonkeyPatch) -> None:
     around(patch, Mover, "_finish", act)
 
 
+@board_mutant("MN4-CMD-SW-01")
+def a_refusal_is_an_abort(patch: MonkeyPatch) -> None:
+    """A PARA_ERROR sets AbortFlag."""
+
+    def act(go: Any_, one: Interpreter, line: Any, letter: str) -> Any:
+        try:
+            return go()
+        except ParameterError:
+            one._mover.is_aborted = True
+            raise
+
+    judges(patch, act)
+
+
 @board_mutant("MN4-BKL-02")
 def a_quit_forgets_the_directions(patch: MonkeyPatch) -> None:
     """Behind a motion that Q has ended every axis is remembered as going up."""

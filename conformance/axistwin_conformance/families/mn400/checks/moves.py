@@ -483,10 +483,11 @@ def a_positive_speed_ends_external_sync(session: Session) -> None:
     for is_absolute, x, y, loaded in ((False, 20, -10, 0), (True, 120, -40, 100)):
         motion.ready(motion.mode(is_absolute=is_absolute), f"L{loaded},{-loaded},0,0")
         motion.driver.draws(f"T{x},{y},0,0,1000,0", DONE, "MN4-CMD-T-03")
-        left, wanted = (
-            motion.driver.steps_left(),
-            motion.driver.counted((x - loaded, y + loaded, 0, 0)),
-        )
-        session.expect(left == wanted, "MN4-CMD-T-02", wanted, left, "left while T waits")
+        left = motion.driver.steps_left()
+        wanted = motion.driver.counted((x - loaded, y + loaded, 0, 0))
+        # In some readings a step comes before the first pulse (MN4-AMB-71).
+        is_right = all(abs(one - other) <= 1 for one, other in zip(left, wanted, strict=True))
+        session.expect(is_right, "MN4-CMD-T-02", wanted, left, "left while T waits")
         motion.driver.draws("Q", DONE, "MN4-CMD-T-03")
+        motion.rest()
         motion.run("M130,-60", "MN4-CMD-T-03", samples=2)

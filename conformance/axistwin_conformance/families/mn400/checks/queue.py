@@ -261,7 +261,7 @@ def _judge_flags_behind_settings(motion: BoardMotion, steps: int) -> None:
 def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
     """AbortFlag is 1 after Q has ended a move, paused or not, whatever is set or refused then,
     also behind a | under a wrong sum; 0 after | and behind the next move, and still 0 after a Q at
-    rest.  FeedHold is as ; has it throughout."""
+    rest and what is refused there.  FeedHold is as ; has it throughout."""
     needs_flags(session)
     motion, steps = slow_board(session)
     _judge_flags_behind_settings(motion, steps)
@@ -284,3 +284,9 @@ def the_abort_flag_is_of_the_last_motion(session: Session) -> None:
     motion.do("Q", "MN4-CMD-Q-03")
     flag = motion.driver.flags()["AbortFlag"]
     session.expect(flag == 0, "MN4-CMD-Q-03", 0, flag, "AbortFlag after a Q at rest")
+    for text in ("X3", "W", "K"):
+        motion.driver.ask(text)
+    motion.driver.ignores("X1")
+    flag = motion.driver.flags()["AbortFlag"]
+    told = "AbortFlag after what is refused at rest"
+    session.expect(flag == 0, "MN4-CMD-SW-01", 0, flag, told)

@@ -288,7 +288,7 @@ def a_running_program_says_nothing(session: Session) -> None:
 
 
 @check("MN4-NVM-10", "MN4-CMD-U-01", "MN4-CC-01", safety=RUNNING)
-@restoring("IVFL")
+@restoring("IVFLP")
 def a_program_may_hold_every_motion(session: Session) -> None:
     """A move, a contour, an arc and a helix: the counters are those at the end of
     all of them, one behind the other."""
@@ -297,7 +297,9 @@ def a_program_may_hold_every_motion(session: Session) -> None:
         session.skip("the replies of a running program fall into the reading of positions")
     for text in ("L0,0,0,0", PROFILE):
         driver.command(text)
-    enter_program(driver, (relative_mode(driver), f"V{FAST_SPEED}", *MOTIONS))
+    base = int(driver.reading("plane_base"))
+    plane = f"P{base},{base + 2},{base + 1}"  # that of power-on
+    enter_program(driver, (relative_mode(driver), f"V{FAST_SPEED}", plane, *MOTIONS))
     driver.draws("U", DONE, ("MN4-CMD-U-01", "MN4-NVM-10"))
     driver.target.wait(MOVE_S + len(MOTIONS) * LATE_S)
     position, names = driver.position(), ("MN4-CMD-U-01", "MN4-NVM-10", "MN4-CC-01")
