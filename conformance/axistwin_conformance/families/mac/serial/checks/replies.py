@@ -264,7 +264,7 @@ TOLD_ALL: Final = (0x13, 0x0B, 0x0C, 0x0F, 0x10)  # of these, also to FF
 
 @check("MACS-REPLY-04", safety=("motion", "stored"))
 def a_nacked_frame_does_nothing(session: Session) -> None:
-    """Commands under a wrong checksum neither move, store, arm, re-initialise nor stop anything."""
+    """Commands under a wrong checksum neither move, store, arm nor re-initialise anything."""
     driver = SerialDriver(session)
     start = _beside_zero(driver)
     before = _shown(driver)
@@ -282,6 +282,16 @@ def a_nacked_frame_does_nothing(session: Session) -> None:
     session.expect(after == before, None, _hex(before), _hex(after))
     driver.judge.accepted(0x03, 0)  # no segment runs that would lock it
     forecast = driver.motion.turn(1, SLOWEST)  # nor is anything armed
+    driver.client.wait(0.2)
+    driver.motion.follow(forecast, None, driver.limits.allowance(SLOWEST))
+
+
+@check("MACS-REPLY-04", safety=("motion", "stored"))
+def a_nacked_frame_ends_no_motion(session: Session) -> None:
+    """Commands under a wrong checksum stop nothing, and leave what is armed as it is."""
+    driver = SerialDriver(session)
+    driver.motion.ready()
+    forecast = driver.motion.turn(1, SLOWEST)
     for index in (0x18, 0x17, 0x1A, 0x0B, 0x15, 0x00):
         _nacked(driver, driver.client.request(index).with_wrong_checksum())
     driver.client.wait(0.2)
