@@ -179,6 +179,11 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             {"reply_latency_us": "450000", "vel_change_law": "constant_acceleration"},
             ("many_mixed_sequences_agree_with_the_model",),
         ),
+        # so slow a module takes what comes behind the move: no command may then move it back
+        (
+            {"reply_latency_us": "450000", "cmd_1b_supported": "false"},
+            ("queries_disturb_nothing",),
+        ),
         # whether an increment counts when it begins cannot be told by one that takes longer
         (
             {"reply_latency_us": "152162", "step_phase": "start"},
@@ -214,8 +219,8 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
         ),
     ],
     ids=[
-        "late", "later", "late stop", "late ramp", "late change", "late step", "late edge",
-        "late end", "masked", "kept", "ones",
+        "late", "later", "late stop", "late ramp", "late change", "late query", "late step",
+        "late edge", "late end", "masked", "kept", "ones",
     ],
 )  # fmt: skip
 def test_two_readings_do_not_hide_one_another(

@@ -29,6 +29,8 @@ PAIRS: Mapping[str, str] = {
         "response_delay_ms=3000 reply_delay_ms=3000 noise_in_idle=nak",
     "it refuses what it finds in a packet for nobody":
         "packet_timeout_ms=262 rs232_unit_check=nak other_unit_framing=hunt_stx transport=rs232",
+    "it refuses what it finds in a packet for another":
+        "other_unit_framing=hunt_stx invalid_unit=nak",
     "the neighbours refuse with it what names no unit":
         "invalid_unit=nak packet_timeout_mode=interbyte",
     "its data area ends between two multiples of four":

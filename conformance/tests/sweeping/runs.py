@@ -22,7 +22,8 @@ from axistwin_conformance.engine.run import Engine
 
 INTERFACES = {one.name: one for one in ALL}
 VIRTUAL = "virtual"  # no interface: the built-in twin, in a time that the suite knows
-ALONE = ("address_settable=false", "transport=rs232")  # no second device can be beside these
+# No second device can be beside these; one that hunts talks into the packets of its neighbours.
+ALONE = ("address_settable=false", "transport=rs232", "other_unit_framing=hunt_stx")
 NEIGHBOURS = {"mac23": (1,), "mac23-can": (2,)}
 TRAVEL = 20_000
 # On a bench, with exchanges as long as those of a plain line: twice the most of a full run.

@@ -242,33 +242,37 @@ def on_rs232_other_unit_numbers_are_not_its_own(session: Session) -> None:
         driver.reading("rs232_unit_check", seen, "MSC-PKT-04")
     for unit in INVALID_UNITS:
         seen = _to_other(driver, unit)
-        if seen == "ignore" and session.reading("rs232_unit_check") == "ignore":
+        if seen == ("ignore",) and session.reading("rs232_unit_check") == "ignore":
             continue  # a unit that looks at no number takes this one too
-        if isinstance(seen, MscExchange) or seen == "ignore":
+        if isinstance(seen, MscExchange) or seen == ("ignore",):
             session.fail("MSC-PKT-03", ["silence", "NAK"], seen)
-        readings = ("silent", "broadcast") if seen == "silent" else (seen,)
+        readings = (*seen, "broadcast") if "silent" in seen else seen
         driver.reading("invalid_unit", readings, "MSC-PKT-03")
     driver.link.alive("MSC-PKT-04")
 
 
-def _to_other(driver: MscDriver, unit: int) -> str | MscExchange:
-    """What RQSTAT to another number shows: a reading of MSC-AMB-12, or what explains none."""
+def _to_other(driver: MscDriver, unit: int) -> tuple[str, ...] | MscExchange:
+    """What RQSTAT to another number shows: readings of MSC-AMB-12, or what explains none."""
     raw = codec.packet(unit, RQSTAT)
     sign_s = (len(raw) * driver.link.byte_ns + driver.link.latency_ns) / 1e9
     exchange = driver.client.ask(raw, is_read=True, timeout_s=sign_s + 0.1)
-    extra = driver.client.listen(driver.link.glance_s)
+    is_hunting = driver.session.reading("other_unit_framing") == "hunt_stx"
+    # What it takes for a packet behind the number ends with T1.
+    hunting_s = driver.client.packet_timeout_s * 1.2 if is_hunting else 0
+    extra = driver.client.listen(driver.link.glance_s + hunting_s)
     reply = exchange.reply
-    if extra:
-        return MscExchange(raw, exchange.sign, reply, exchange.extra + extra)
-    if exchange.is_silence or exchange.is_naked:
-        return "silent" if exchange.is_silence else "nak"
-    if not exchange.is_acked or reply is None or not reply.is_sound:
-        return exchange
-    seen = {RS232_UNIT: "own", unit: "echo"}.get(reply.unit)
-    if seen is None:
-        return exchange
-    driver.reading("reply_unit", seen, "MSC-PKT-04")
-    return "ignore"
+    seen = MscExchange(raw, exchange.sign, reply, exchange.extra + extra)
+    if seen.is_silence:
+        return ("silent",)
+    if is_hunting and not seen.raw.strip(NAK):
+        return ("silent", "nak")  # it may have refused only what is behind the number
+    if seen.is_naked:
+        return ("nak",)
+    number = {RS232_UNIT: "own", unit: "echo"}.get(reply.unit) if reply is not None else None
+    if not seen.is_acked or reply is None or not reply.is_sound or number is None:
+        return seen
+    driver.reading("reply_unit", number, "MSC-PKT-04")
+    return ("ignore",)
 
 
 def _without_start(address: int) -> int:
