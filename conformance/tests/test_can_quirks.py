@@ -92,13 +92,20 @@ def test_detection_leaves_address_and_parameters_as_they_were(quirks: str, tmp_p
     assert "module 1 alone answers" in path.read_text("utf-8")
 
 
-@pytest.mark.parametrize("reading", ["catchup_low_byte=refuse", "zero_catchup=refuse"])
+@pytest.mark.parametrize(
+    "reading", ["catchup_low_byte=refuse", "zero_catchup=refuse", "dont_care_digits=refuse"]
+)
 def test_an_example_read_from_its_other_end_may_be_refused(reading: str) -> None:
-    """The last byte first, the manual's 200Eh is a speed of 0 beside a byte that does not count."""
+    """The last byte first, the manual's 200Eh and 2002h are a 0 beside bytes that do not count."""
     words = ["mac23-can", "--can", f"{URL}&quirk.can_byte_order=little&quirk.{reading}"]
     words += ["the_manuals_examples_get_their_replies", "--allow", "motion,stored"]
     result = CliRunner().invoke(conform, words)
     assert result.exit_code == 0, result.output
+
+
+def test_inertia_is_told_of_an_axis_that_stops_at_once(tmp_path: Path) -> None:
+    """Where nothing is overrun the axis is asked with hardly any torque."""
+    TWINS.goes_round({"plant": "inertial", "brake_increments": "0"}, tmp_path / "unit.toml")
 
 
 def test_passive_detection_writes_nothing_and_names_what_it_would_take(tmp_path: Path) -> None:

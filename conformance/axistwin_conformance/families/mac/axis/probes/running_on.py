@@ -13,6 +13,7 @@ from typing import Final
 from axistwin_conformance.core.probing import Measured, Outcome, probe
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
+from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.model.kinematics import TICKS_PER_SECOND
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
@@ -112,4 +113,19 @@ def inertia(driver: AxisDriver) -> Outcome:
         driver.session.skip("there it shows in motion too")
     if driver.session.reading("brake_increments").isdigit():
         driver.session.skip("nothing brakes this axis that would tell")
-    return int(overrun(driver, SLOWEST) + step_from_a_stop(driver) > 0)
+    if overrun(driver, SLOWEST) + step_from_a_stop(driver) > 0:
+        return 1
+    # It may stop at once all the same.  The built-in twin alone has no load that would hold it.
+    return int(driver.client.target.is_virtual and _trails(driver))
+
+
+def _trails(driver: AxisDriver) -> bool:
+    """Whether the axis is behind a motion that it has hardly any torque for."""
+    period = driver.limits.slowed(FASTER)
+    start, own = driver.motion.ready(period, 0), driver.client.parameter(0x0C)
+    driver.judge.accepted(0x0C, 1)
+    exchange = driver.judge.accepted(0x15, velocity(1, period))
+    samples = driver.motion.sampled(0.02, 2)
+    driver.client.command(0x18)
+    driver.client.command(0x0C, own)
+    return not driver.motion.fit(samples, [driver.motion.to_velocity(exchange, start, 1, period)])

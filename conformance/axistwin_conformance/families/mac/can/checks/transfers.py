@@ -50,6 +50,9 @@ DONT_CARE: Final[Mapping[int, int]] = {
     0x0D: 0xFFFF0000,
     0x0E: 0xFFFF0000,
 }
+# Examples which mean, their last byte first, a 0 beside bytes that do not count; a module may refuse
+# either (MACC-AMB-01, MACS-AMB-47, MACS-AMB-62).
+MAY_BE_REFUSED: Final = (b"\x23\x02", b"\x23\x0e")
 WITHOUT_PARAMETER: Final = (0x10, 0x17, 0x19, 0x18, 0x1A)
 LOCKED: Final = (0x02, 0x13)
 # C's list has these beside; the serial one has lost them (MACS-AMB-08).
@@ -128,9 +131,7 @@ def the_manuals_examples_get_their_replies(session: Session) -> None:
                 replace(frame, data=b"\x42" + frame.data[1:4] + bytes(4)) for frame in received
             )
         admissible = [wanted]
-        if request.data[:2] == b"\x23\x0e" and driver.readings.known("can_byte_order"):
-            # Its last byte first, that is a speed of 0 beside a byte that does not count, which a
-            # module may refuse (MACC-AMB-01, MACS-AMB-47).
+        if request.data[:2] in MAY_BE_REFUSED and driver.readings.known("can_byte_order"):
             admissible.append(replace(wanted, data=bytes([codec.REFUSED]) + wanted.data[1:]))
         session.expect(
             received in [(frame,) for frame in admissible],
