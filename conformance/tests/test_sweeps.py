@@ -14,7 +14,7 @@ from urllib.parse import parse_qsl
 import pytest
 import serial
 from quirk_twins import quirks_query
-from sweeping import real_runs, wrong_device
+from sweeping import real_runs, sweeps, wrong_device
 from sweeping.faults import PARTS, Fault, When, draw_fault
 from sweeping.formats import FORMATS, MacSerialFormat
 from sweeping.journal import Journal, run_all
@@ -588,3 +588,15 @@ def test_a_module_that_a_command_has_led_elsewhere_is_found_and_fails(
     fault = Fault("effect", f"that of {other}", (kind,))
     row = FaultSweep(setting, seed=1).judge_fault(fault, setting)
     assert (row["outcome"], row["failed"]) == ("caught", [f"MACS-CMD-{kind}-01"]), row
+
+
+@pytest.mark.strength(seconds=60)
+def test_a_fault_of_which_nothing_gets_on_the_wire_is_not_seen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What people are told of a device is wrong, and every byte of the line as it should be."""
+    known = functions("msc-250")
+    (at,) = (number for number, (_, name, _) in enumerate(known) if name == "_tell")
+    monkeypatch.setattr(sweeps, "draw_fault", lambda *_: Fault("inside", "its negative", at=at))
+    row = FaultSweep(Setting("msc-250", "a plain port", "quick", 300), seed=1).judge(1)
+    assert (row["outcome"], row["level"], row["hits"] > 0) == ("unseen", "full", True), row

@@ -150,6 +150,9 @@ class QuirkSweep(Sweep):
         return "sound", ""
 
 
+OPEN: Final = ("escaped", "named", "inconclusive")
+
+
 class FaultSweep(Sweep):
     """Devices that are wrong in one thing."""
 
@@ -159,20 +162,37 @@ class FaultSweep(Sweep):
         "named": "taken for other readings", "inconclusive": "nothing failed, something open",
         "caught": "exit 1", "strayed": "exit 1; one motion led out, was ended, and was the last",
         "silent": "exit 3, says nothing, or nothing any more",
-        "unseen": "never showed",
+        "unseen": "never showed: as a sound one, to the byte and the nanosecond",
         "no device": "the twin fell over the fault",
     }  # fmt: skip
     wrong = ("hang", "outside", "error", "refused", "escaped", "named", "inconclusive")
+
+    def __init__(self, setting: Setting, seed: int) -> None:
+        super().__init__(setting, seed)
+        self._sound_wires: dict[Setting, str] = {}
 
     def judge(self, number: int) -> Row:
         """Judge a twin with the fault of that number."""
         model = self.setting.model
         fault = draw_fault(FORMATS[model], f"{self.seed}/{model}/{number}")
-        row = self.judge_fault(fault, self.setting)
-        is_open = row["outcome"] in ("escaped", "named", "inconclusive")
-        if is_open and self.setting.level == "quick":  # what quick leaves out may show it
-            row = self.judge_fault(fault, replace(self.setting, level="full"))
+        setting = self.setting
+        row = self.judge_fault(fault, setting)
+        if row["outcome"] in OPEN and setting.level == "quick":  # what it leaves out may show it
+            setting = replace(setting, level="full")
+            row = self.judge_fault(fault, setting)
+        is_open = row["outcome"] in OPEN and bool(row["wire"])
+        if is_open and row["wire"] == self._sound_wire(setting):
+            row["outcome"] = "unseen"
         return row
+
+    def _sound_wire(self, setting: Setting) -> str:
+        """The digest of what a twin without a fault says."""
+        if setting not in self._sound_wires:
+            tally = Tally()
+            with planted(Fault("none", ""), setting.model, tally):
+                judge(setting, self.seed)
+            self._sound_wires[setting] = tally.wire.hexdigest()
+        return self._sound_wires[setting]
 
     def judge_fault(self, fault: Fault, setting: Setting) -> Row:
         """Judge a twin with that fault."""
@@ -187,6 +207,7 @@ class FaultSweep(Sweep):
             "device": f"{fault}{place and f' in {place}'}", "part": fault.part,
             "asked": tally.asked, "hits": tally.hits, "said": tally.said,
             "furthest": tally.furthest, "crash": tally.crash,
+            "wire": "" if over_pty else tally.wire.hexdigest(),  # there no two runs are alike
         }  # fmt: skip
         outcome, why = self._outcome(row, tally)
         return row | {"outcome": outcome, "why": why}

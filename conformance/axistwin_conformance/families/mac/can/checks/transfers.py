@@ -50,8 +50,8 @@ DONT_CARE: Final[Mapping[int, int]] = {
     0x0D: 0xFFFF0000,
     0x0E: 0xFFFF0000,
 }
-# Examples which mean, their last byte first, a 0 beside bytes that do not count; a module may refuse
-# either (MACC-AMB-01, MACS-AMB-47, MACS-AMB-62).
+# Examples which mean, their last byte first, a 0 beside bytes that do not count: a module may
+# refuse either (MACC-AMB-01, MACS-AMB-47, MACS-AMB-62).
 MAY_BE_REFUSED: Final = (b"\x23\x02", b"\x23\x0e")
 WITHOUT_PARAMETER: Final = (0x10, 0x17, 0x19, 0x18, 0x1A)
 LOCKED: Final = (0x02, 0x13)
