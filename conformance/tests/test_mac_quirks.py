@@ -179,6 +179,15 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
             {"reply_latency_us": "450000", "vel_change_law": "constant_acceleration"},
             ("many_mixed_sequences_agree_with_the_model",),
         ),
+        # a ramp of equal increments takes longer, and so does a stop that goes down all of it
+        (
+            {"ramp_law": "equal_increments", "stop_ramp_law": "ramp_length"},
+            (
+                "a_ramped_stop_in_full_motion_takes_one_ramp",
+                "a_ramped_stop_on_the_ramp_descends_what_was_climbed",
+                "a_hard_stop_stops_where_the_axis_is",
+            ),
+        ),
         # so slow a module takes what comes behind the move: no command may then move it back
         (
             {"reply_latency_us": "450000", "cmd_1b_supported": "false"},
@@ -219,8 +228,8 @@ def test_a_device_that_takes_long_to_reply_is_listened_to_for_as_long(latency_ms
         ),
     ],
     ids=[
-        "late", "later", "late stop", "late ramp", "late change", "late query", "late step",
-        "late edge", "late end", "masked", "kept", "ones",
+        "late", "later", "late stop", "late ramp", "late change", "long ramps", "late query",
+        "late step", "late edge", "late end", "masked", "kept", "ones",
     ],
 )  # fmt: skip
 def test_two_readings_do_not_hide_one_another(

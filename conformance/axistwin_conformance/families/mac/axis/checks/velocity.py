@@ -11,7 +11,7 @@ from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, dri
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import as_velocity, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
-from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, ramp_increments
+from axistwin_conformance.families.mac.axis.model.kinematics import ramp_increments
 from axistwin_conformance.families.mac.axis.probes.motion import (
     vel_change_law,
     vel_f6_direction,
@@ -177,7 +177,7 @@ def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
             driver.motion.ready(0x0800, coefficient)
             period = driver.motion.period
             forecast = driver.motion.turn(direction, period)
-            driver.client.wait(240 * coefficient * period * TICK_NS / 1e9 + 0.1)
+            driver.client.wait(driver.motion.climbing_s(coefficient) + 0.1)
             parameter = velocity(-direction, 0) if index == 0x15 else 0
             stop = driver.judge.accepted(index, parameter, requirement=name)
             stopped = forecast.stopped(stop.taken)

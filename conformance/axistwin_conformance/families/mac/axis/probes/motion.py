@@ -31,6 +31,7 @@ from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, 
 
 ORDER = 60  # of this module in a run; see `Family.modules`
 
+LONGEST_STOP: Final = 12  # such pauses: a whole ramp of equal increments from its first levels
 RAMP_LAWS: Final = ("equal_time", "equal_increments")
 TARGET_OUT_OF_RANGE: Final = 0x40000000
 ROUNDINGS: Final = ("down", "half_up", "up")  # the soonest end first
@@ -347,8 +348,12 @@ def stop_ramp_law(driver: AxisDriver) -> Outcome:
     slack = 2 + driver.limits.allowance(driver.motion.period)
     if driver.motion.fit(samples, [stopped]):
         return 0 if stopped.final[1] < first - slack else (0, 1)
-    driver.client.wait(2.0 * pace)
-    rest = driver.client.position()
+    place, rest = start, driver.client.position()
+    for _ in range(LONGEST_STOP):
+        if rest == place:
+            break
+        driver.client.wait(pace)
+        place, rest = rest, driver.client.position()
     is_whole = first - slack <= rest <= last + slack
     return 1 if is_whole else f"at rest {rest - start} increments on"
 
