@@ -405,7 +405,8 @@ def a_ramped_stop_in_full_motion_takes_one_ramp(session: Session) -> None:
         if not driver.limits.fits(target):
             continue
         forecast = driver.motion.go(target)
-        cruise_s = driver.motion.climbing_s(coefficient) + driver.motion.lasting_s(150)
+        cruise_s = driver.readings.climbing_s(driver.motion.period, coefficient)
+        cruise_s += driver.motion.lasting_s(150)
         driver.client.wait_until(forecast.timelines[0].start_ns + round(cruise_s * 1e9))
         stopped = forecast.stopped(driver.judge.accepted(0x17).taken)
         locked_on_the_way_down(driver, stopped)
@@ -470,7 +471,7 @@ def a_hard_stop_stops_where_the_axis_is(session: Session) -> None:
         forecast = driver.motion.go(start + way) if is_move else driver.motion.turn(1, period)
         driver.client.wait(moving_s)
         if name == "17h":
-            driver.client.wait(driver.motion.climbing_s(coefficient))
+            driver.client.wait(driver.readings.climbing_s(driver.motion.period, coefficient))
             forecast = forecast.stopped(driver.judge.accepted(0x17).taken)
         halted = forecast.halted(driver.judge.accepted(0x18).taken)
         lowest, highest = halted.final

@@ -177,7 +177,7 @@ def velocity_0_and_17h_stop_on_the_ramp(session: Session) -> None:
             driver.motion.ready(0x0800, coefficient)
             period = driver.motion.period
             forecast = driver.motion.turn(direction, period)
-            driver.client.wait(driver.motion.climbing_s(coefficient) + 0.1)
+            driver.client.wait(driver.readings.climbing_s(period, coefficient) + 0.1)
             parameter = velocity(-direction, 0) if index == 0x15 else 0
             stop = driver.judge.accepted(index, parameter, requirement=name)
             stopped = forecast.stopped(stop.taken)

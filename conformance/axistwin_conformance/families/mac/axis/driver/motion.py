@@ -36,7 +36,6 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
     EvenRun,
     Law,
     Profile,
-    ramp,
     ramp_increments,
 )
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, values_of
@@ -208,11 +207,6 @@ class AxisMotion:
     def lasting_s(self, increments: int, period: int | None = None) -> float:
         """The time that so many increments take, at the speed of `ready` or another."""
         return increments * (self.period if period is None else period) / TICKS_PER_SECOND
-
-    def climbing_s(self, coefficient: int) -> float:
-        """The time from rest to full speed, at the speed of `ready` and by the law of the ramp."""
-        runs = ramp(self.period, coefficient, self._readings.law_of(coefficient))
-        return Profile(runs).ticks_of(ramp_increments(coefficient)) / TICKS_PER_SECOND
 
     def ready(self, period: int = SAFE_PERIOD, coefficient: int = 0) -> int:
         """Bring the module to rest with plain settings; give its position.

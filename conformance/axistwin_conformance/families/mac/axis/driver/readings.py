@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.model.kinematics import Law
+from axistwin_conformance.families.mac.axis.model.kinematics import (
+    TICKS_PER_SECOND,
+    Law,
+    Profile,
+    ramp,
+    ramp_increments,
+)
 
 
 class AxisReadings:
@@ -68,3 +74,8 @@ class AxisReadings:
             triangle=seen.get("triangle_law", "mirror"),
             step=step,
         )
+
+    def climbing_s(self, period: int, coefficient: int) -> float:
+        """The time from rest to full speed of `period`."""
+        climb = Profile(ramp(period, coefficient, self.law_of(coefficient)))
+        return climb.ticks_of(ramp_increments(coefficient)) / TICKS_PER_SECOND
