@@ -557,3 +557,19 @@ def test_an_axis_seen_to_stand_is_still_until_something_could_move_it(
         line.say(index, parameter)
         line.say(0x18)
         assert not line.travel_guard.is_still(0)
+
+
+@pytest.mark.parametrize("sign", ["true", "false", ""])
+def test_a_step_back_may_be_a_long_way_forward_until_the_sign_is_known(sign: str) -> None:
+    """Unknown, it may go on forward (MACS-AMB-38): that is no runaway, and ends in time."""
+    known = {"segment_signed": sign} if sign else {}
+    line = Line(vel_f6_direction="negative", fifo_underrun="halt", **known)
+    line.at(500)
+    if sign == "false":
+        assert line.refuses(0x16, 0xFFFF1000)
+        return
+    line.say(0x16, 0xFFFF1000)
+    assert line.has_deadline() is not bool(sign)
+    for place in (600, 700, 800):
+        line.at(place)
+    assert bool(line.travel_guard.runaway) is bool(sign)

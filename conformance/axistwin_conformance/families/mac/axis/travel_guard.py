@@ -62,7 +62,7 @@ MARGIN_NS: Final = 30_000_000  # a frame at 9600 baud takes 22 ms; the rest is o
 # The readings that matter here, as the ledger names them (MACS-AMB-07, -36, -38, -40, -51).
 F6_TURNS: Final = "negative"
 REPLACES: Final = "replace"
-SEGMENTS_UNSIGNED: Final = "false"
+SEGMENTS_SIGNED: Final = "true"
 FLUSHES: Final = "true"
 COASTS: Final = "decelerate"
 PERMANENT: Final = "permanent"
@@ -266,7 +266,7 @@ class AxisTravelGuard:
         if index == 0x15:
             return self._endless(axis, parameter >> 16 & 0xFF, half, now_ns, frame)
         if index == 0x16 and half:
-            return self._stepped(axis, parameter >> 16, half, frame)
+            return self._stepped(axis, parameter >> 16, half, now_ns, frame)
         if index == 0x11:
             lifetime = self.readings.guess("sync_arm_lifetime", "")
             return axis.released(now_ns, is_permanent=lifetime == PERMANENT)
@@ -345,10 +345,13 @@ class AxisTravelGuard:
             moved, speed=speed, directions=join(axis.directions, (0, 1)), since_ns=now_ns
         )
 
-    def _stepped(self, axis: Axis, digits: int, period: int, frame: bytes) -> Axis:
+    def _stepped(self, axis: Axis, digits: int, period: int, now_ns: int, frame: bytes) -> Axis:
         self._judge_period(period, frame)
         steps = signed(digits, 16)
-        if steps != digits and self.readings.get("segment_signed") == SEGMENTS_UNSIGNED:
+        seen = self.readings.get("segment_signed") if steps != digits else SEGMENTS_SIGNED
+        if seen is None:  # it may go on forward until it is stopped
+            axis = self._endless(axis, 0, period, now_ns, frame)
+        elif seen != SEGMENTS_SIGNED:
             steps = digits
         coasts = self.readings.guess("fifo_underrun", COASTS) == COASTS
         return axis.stepped(steps, ramp_increments(axis.coefficient) if coasts else 0, period)
