@@ -97,11 +97,12 @@ READINGS = [
      "feedhold_power_on": "1", "power_on_mode": "absolute", "baud_reply": "plus_done"},
     {"broadcast_setaddr": "refused", "poll_slot_ms": "50", "readprogram_end": "empty_line",
      "eof_byte": "both", "eof_framing": "both", "nvm_size": "4096", "nvm_line_overhead": "2"},
+    {"nvm_line_overhead": "16"},  # a program of short lines takes more than one long line
 ]  # fmt: skip
 
 
 @pytest.mark.strength(seconds=20)
-@pytest.mark.parametrize("readings", READINGS, ids=["one", "two", "three"])
+@pytest.mark.parametrize("readings", READINGS, ids=["one", "two", "three", "four"])
 def test_a_twin_of_other_readings_conforms_and_is_found_out(readings: dict[str, str]) -> None:
     """The probes tell the readings, and the checks hold the board to them."""
     result, _ = run(NAMES, quirks=readings)

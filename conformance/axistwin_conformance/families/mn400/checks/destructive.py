@@ -242,7 +242,7 @@ def both_programs_share_one_memory(session: Session) -> None:
         enter_program(driver, PROGRAM)
         whole = few + _filled_bytes(driver, overhead)
         judge_listing(driver, PROGRAM, ("MN4-NVM-11",), "beside a configuration")
-        _judge_full(driver)
+        _judge_full(driver, 1 + (few + overhead) // (len(LONG_LINE) + overhead))
         enter_program(driver, ())
         enter_configuration(driver, CONFIGURED * 20)
         with program_entry(driver):
@@ -268,9 +268,10 @@ def _filled_bytes(driver: BoardDriver, overhead: int) -> int:
     return filled.text_bytes + overhead * len(filled.lines)
 
 
-def _judge_full(driver: BoardDriver) -> None:
-    """Judge that a program longer than the last one fits only when a configuration that fills the
-    rest has been replaced by an empty one, however many programs are entered before."""
+def _judge_full(driver: BoardDriver, long_lines: int) -> None:
+    """Judge that a program longer than the last one, of so many long lines, fits only when a
+    configuration that fills the rest has been replaced by an empty one, however many programs are
+    entered before."""
     for lines, name, is_full in (
         ((), "MN4-NVM-08", True),
         (PROGRAM, "MN4-NVM-11", True),
@@ -282,7 +283,9 @@ def _judge_full(driver: BoardDriver) -> None:
         with program_entry(driver):
             for line in lines:  # they have fitted beside it while it was entered
                 driver.draws(line, DONE, "MN4-NVM-04")
-            exchange = driver.ask(LONG_LINE)
+            for _ in range(long_lines):
+                exchange = driver.ask(LONG_LINE)
+                if not (is_taken := exchange.says(*DONE)):
+                    break
             told = "a refusal" if is_full else "START and DONE"
-            is_taken = exchange.says(*DONE)
             driver.session.expect(is_taken is not is_full, name, told, exchange.observed)
