@@ -591,9 +591,7 @@ def test_a_module_that_a_command_has_led_elsewhere_is_found_and_fails(
 
 
 @pytest.mark.strength(seconds=60)
-def test_a_fault_of_which_nothing_gets_on_the_wire_is_not_seen(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_fault_that_never_gets_on_the_wire_is_not_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """What people are told of a device is wrong, and every byte of the line as it should be."""
     known = functions("msc-250")
     (at,) = (number for number, (_, name, _) in enumerate(known) if name == "_tell")
