@@ -104,7 +104,7 @@ def test_an_example_read_from_its_other_end_may_be_refused(reading: str) -> None
 
 
 def test_inertia_is_told_of_an_axis_that_stops_at_once(tmp_path: Path) -> None:
-    """Where nothing is overrun the axis is asked with hardly any torque."""
+    """Where nothing is overrun the axis is moved with hardly any torque."""
     TWINS.goes_round({"plant": "inertial", "brake_increments": "0"}, tmp_path / "unit.toml")
 
 

@@ -108,10 +108,10 @@ def queries_disturb_nothing(session: Session) -> None:
     end = forecast.end
     assert end is not None
     for index in driver.client.face.answered:
-        asked_ns = session.transport.now_ns
+        sent_ns = session.transport.now_ns
         driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index), "MACS-Q-XX-01")
         answered_ns = session.transport.now_ns
-        if answered_ns + (answered_ns - asked_ns) >= end.earliest_ns - SPARE_NS:
+        if answered_ns + (answered_ns - sent_ns) >= end.earliest_ns - SPARE_NS:
             continue  # so slow a device may take the next command behind the move
         locked = driver.client.command(0x13, start)
         if locked.taken.latest_ns >= end.earliest_ns - SPARE_NS:

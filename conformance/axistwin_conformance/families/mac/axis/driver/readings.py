@@ -8,8 +8,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     TICKS_PER_SECOND,
     Law,
-    Profile,
-    ramp,
+    climb_and_cruise,
     ramp_increments,
 )
 
@@ -77,5 +76,5 @@ class AxisReadings:
 
     def climbing_s(self, period: int, coefficient: int) -> float:
         """The time from rest to full speed of `period`."""
-        climb = Profile(ramp(period, coefficient, self.law_of(coefficient)))
+        climb = climb_and_cruise(period, coefficient, self.law_of(coefficient))
         return climb.ticks_of(ramp_increments(coefficient)) / TICKS_PER_SECOND

@@ -26,6 +26,7 @@ from axistwin_conformance.families.mac.axis.probes.running_on import (
     FASTEST,
     may_go_fast,
     may_see_lag,
+    trails,
 )
 from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, MOVES, reply_of
 
@@ -394,13 +395,7 @@ def plant(driver: AxisDriver) -> Outcome:
     """Without ramp to 80000 inc/s: whether the axis is there at once."""
     if not may_go_fast(driver):
         driver.session.skip("needs 80000 inc/s and 8000 increments of travel")
-    period = FASTEST
-    start = driver.motion.ready(period, 0)
-    exchange = driver.judge.accepted(0x15, velocity(1, period))
-    samples = driver.motion.sampled(0.02, 2)
-    driver.client.command(0x18)
-    ideal = driver.motion.to_velocity(exchange, start, 1, period)
-    if not driver.motion.fit(samples, [ideal]):
+    if trails(driver, driver.motion.ready(FASTEST, 0), FASTEST):
         return 1
     return 0 if may_see_lag(driver) else (0, 1)
 

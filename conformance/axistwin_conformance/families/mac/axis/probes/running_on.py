@@ -116,16 +116,21 @@ def inertia(driver: AxisDriver) -> Outcome:
     if overrun(driver, SLOWEST) + step_from_a_stop(driver) > 0:
         return 1
     # It may stop at once all the same.  The built-in twin alone has no load that would hold it.
-    return int(driver.client.target.is_virtual and _trails(driver))
+    return int(driver.client.target.is_virtual and _trails_without_torque(driver))
 
 
-def _trails(driver: AxisDriver) -> bool:
-    """Whether the axis is behind a motion that it has hardly any torque for."""
+def _trails_without_torque(driver: AxisDriver) -> bool:
     period = driver.limits.slowed(FASTER)
     start, own = driver.motion.ready(period, 0), driver.client.parameter(0x0C)
     driver.judge.accepted(0x0C, 1)
+    is_behind = trails(driver, start, period)
+    driver.client.command(0x0C, own)
+    return is_behind
+
+
+def trails(driver: AxisDriver, start: int, period: int) -> bool:
+    """Whether the axis, at rest at `start`, is behind a motion without ramp at that period."""
     exchange = driver.judge.accepted(0x15, velocity(1, period))
     samples = driver.motion.sampled(0.02, 2)
     driver.client.command(0x18)
-    driver.client.command(0x0C, own)
     return not driver.motion.fit(samples, [driver.motion.to_velocity(exchange, start, 1, period)])
