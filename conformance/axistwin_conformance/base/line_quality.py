@@ -14,7 +14,8 @@ A module is deaf for 2 s after a restart, and is asked nothing meanwhile.  A dev
 or wrong for longer than `SILENCE_LIMIT_S`, with more bad replies in a row than noise makes on this
 line, is gone, babbles, or has become another one: the next exchange raises `TargetError`.  So it
 does after `LONGEST_LIMIT_S` and as many bad replies in a row as one exchange is tried, however
-noisy the line.
+noisy the line.  A device of which something has come meanwhile may be slow, and is waited for
+before it is given up (`Session.is_believed`).
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ FALSE_ALARM = 1e-6  # the chance left to noise of looking like the device
 FALSE_LOSS = 1e-9  # of looking like a device that is gone: that is asked after every exchange
 LEAST_ALIKE = 3
 NOISY = 1e-3  # share of corrupted exchanges from which a line counts as noisy
+MOST_NOISE = 0.9  # share of corrupted exchanges on a line on which anything comes through at all
 HOPELESS = 0.25  # from which nothing settles on it, however long a run takes
 PRIOR_EXCHANGES = 20  # before anything is known, a line is taken to spoil one exchange in these
 SILENCE_LIMIT_S = 5.0
 LONGEST_LIMIT_S = 60.0  # on the noisiest line
 LEAST_BAD = 4
+PATIENT_TRIES = 3  # of a device that may be slow; noise may take one of them
 
 
 @dataclass(slots=True)
@@ -42,6 +45,7 @@ class LineQuality:
     """How many exchanges of a run went wrong on the way, as far as that can be told.
 
     `summed`: of what was taken for corrupted, how many replies whose sum was right all the same.
+    `most_noise`: the largest share that this kind of way corrupts.
     """
 
     exchanges: int = 0
@@ -49,6 +53,7 @@ class LineQuality:
     late: int = 0
     wrong: int = 0
     summed: int = 0
+    most_noise: float = MOST_NOISE
     votes: Counter[tuple[str, str]] = field(default_factory=Counter)  # how something is spelt
     # Command that may not be sent again at once → its bad replies since the last good one.
     unrepeated: dict[int, list[bytes]] = field(default_factory=dict)
@@ -100,7 +105,7 @@ class LineQuality:
 
     def _in_a_row(self, chance: float) -> int:
         """How many corrupted exchanges in a row are as unlikely as that."""
-        return math.ceil(math.log(chance) / math.log(min(self.rate, 0.9)))
+        return math.ceil(math.log(chance) / math.log(min(self.rate, self.most_noise)))
 
     def is_reproduced(self, replies: list[bytes]) -> bool:
         """True if the last replies to one request are alike and too many for noise."""
@@ -120,10 +125,17 @@ class SilenceLimit:
     bad: int = 0
     silent: int = 0  # of these
     since_ns: int = 0
+    patient_tries: int = PATIENT_TRIES  # left; a device that was given up has none
+
+    @property
+    def is_patient(self) -> bool:
+        """True while a device that may be slow is waited for."""
+        return self.patient_tries < PATIENT_TRIES
 
     def good(self) -> None:
         """A reply was as it should be."""
         self.bad = self.silent = 0
+        self.patient_tries = PATIENT_TRIES
 
     def tried(self, now_ns: int, needed: int, *, is_silence: bool) -> None:
         """A reply was bad, or there was none; raises TargetError if that has lasted too long.

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import islice
+from itertools import islice, takewhile
 from typing import TypeAlias
 
 PIECES_APART_NS = 30_000_000  # beside the time that the bytes of the later piece take
@@ -108,6 +108,16 @@ class Transcript:
             if piece[1] is Direction.HOST:
                 return self.since(self._count - back)
         return ()
+
+    def has_come(self, since_ns: int) -> bool:
+        """True if anything has come from the device since then."""
+        latest = takewhile(lambda piece: piece[0] >= since_ns, reversed(self._records))
+        return any(direction is Direction.DEVICE for _, direction, _, _ in latest)
+
+    def since_sent_s(self, now_ns: int) -> float:
+        """How long ago the last request was sent; 0 where none is recorded."""
+        sent = (piece[0] for piece in reversed(self._records) if piece[1] is Direction.HOST)
+        return (now_ns - next(sent, now_ns)) / 1e9
 
 
 def is_echoed(request: bytes, heard: bytes) -> bool:

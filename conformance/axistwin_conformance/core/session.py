@@ -20,7 +20,7 @@ from axistwin_conformance.base.check import Check
 from axistwin_conformance.base.errors import AttemptVoid, TargetError
 from axistwin_conformance.base.events import Listener
 from axistwin_conformance.base.ledger import Ledger
-from axistwin_conformance.base.line_quality import LineQuality, SilenceLimit
+from axistwin_conformance.base.line_quality import SILENCE_LIMIT_S, LineQuality, SilenceLimit
 from axistwin_conformance.base.recording import Recording
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.base.verdicts import Finding, Verdict
@@ -253,10 +253,11 @@ class Session:
         if self.transport.is_lossless:
             return True
         if not is_good:
-            self.run.silence_limit.tried(
-                self.transport.now_ns, quality.bad_when_lost, is_silence=not reply
-            )
+            self._count_bad(reply)
         elif reply:
+            if self.run.silence_limit.is_patient:
+                took_s = self.transport.transcript.since_sent_s(self.transport.now_ns)
+                self.run.late_s = took_s if took_s > REPLY_TIMEOUT_S else 0.0
             self.run.silence_limit.good()
         if not bad:  # a device that never answers right must not make the line look noisy
             # What came twice was hit on its way.
@@ -273,6 +274,19 @@ class Session:
         if self.is_reproduced:
             quality.note_wrong()
         return is_good or self.is_strict or self.is_reproduced
+
+    def _count_bad(self, reply: bytes) -> None:
+        """Count a bad reply.  A device that would be given up, but has said something since its
+        last good one, may be slow: from then on it is waited for longer."""
+        limit, transport = self.run.silence_limit, self.transport
+        try:
+            limit.tried(transport.now_ns, self.run.quality.bad_when_lost, is_silence=not reply)
+        except TargetError:
+            if not limit.patient_tries or not transport.transcript.has_come(limit.since_ns):
+                self.run.late_s %= SILENCE_LIMIT_S  # nor is it slow
+                raise
+            limit.patient_tries -= 1
+            self.run.late_s = SILENCE_LIMIT_S
 
     def note_broken_reply(self, heard: bytes) -> None:
         """Take note of what came broken and cannot be asked for again: the attempt is void, or,
@@ -327,7 +341,7 @@ class Session:
         a reply that comes late must not be taken for the next one."""
         self.retries.append(text)
         self.transport.mark(f"asked again: {text}")
-        self.transport.wait_until_quiet(QUIET_WAIT_S)
+        self.transport.wait_until_quiet(max(QUIET_WAIT_S, self.run.late_s))
 
     # Judgements.
 

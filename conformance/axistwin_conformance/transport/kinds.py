@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from axistwin_conformance.base.errors import UsageError, with_article
+from axistwin_conformance.base.line_quality import MOST_NOISE
 from axistwin_conformance.transport.can_frame import unpack_all
 
 HOST_AND_PORT = re.compile(r"[\w.-]+:\d+|\[[0-9a-fA-F:]+\]:\d+")
@@ -25,7 +26,8 @@ class TransportKind:
 
     `word`: what modules share; `option` and `rate_option`: where it is and how fast, on the command
     line, empty where there is no rate; `metavar` and `example`: of what stands behind `option`;
-    `twin`: how that begins for a twin in this process, empty where there is none.
+    `twin`: how that begins for a twin in this process, empty where there is none.  `most_noise`:
+    the largest share of exchanges that is taken for corrupted on the way.
     """
 
     word: str
@@ -34,6 +36,7 @@ class TransportKind:
     metavar: str
     example: str
     twin: str
+    most_noise: float = MOST_NOISE
 
     def spell(self, data: bytes) -> str:
         """What was said, as reports show it: bytes in hex, frames as candump's log has them."""
@@ -60,6 +63,7 @@ BUS: Final = TransportKind(
     "INTERFACE:CHANNEL",
     "socketcan:can0 or --can slcan:/dev/ttyACM0",
     "axistwin:",
+    most_noise=0.1,  # a controller sends again what was corrupted; an adapter may lose a few
 )
 HID: Final = TransportKind("USB", "--hid", "", "PATH", "/dev/hidraw0", "")
 TRANSPORT_KINDS: Final = (LINE, BUS, HID)

@@ -138,6 +138,7 @@ class DeviceGuard:
             settings=options.settings,
             seed=options.seed,
             budget=self.budget,
+            quality=LineQuality(most_noise=options.family.transport_kind.most_noise),
             emit=self.emit,
             unshrunk="" if options.shrinks else "only the verdict is wanted",
         )
@@ -202,14 +203,16 @@ class DeviceGuard:
 
     def _refuse_when_over(self, run: Run) -> None:
         passed_s = (run.target.now_ns - self.begun_ns) / 1e9
-        is_worth_it = run.quality.is_noisy and not run.quality.is_hopeless and not self.has_failed
+        quality = run.quality
+        is_noise = quality.is_noisy and quality.late <= quality.corrupted
+        is_worth_it = is_noise and not quality.is_hopeless and not self.has_failed
         most_s = self.most_s * HELD_UP * (HELD_UP_BY_NOISE if is_worth_it else 1)
         if run.target.is_virtual or passed_s <= most_s:
             return
         if not self.blocked:
             self.block(
                 f"the device holds the run up: after {passed_s:.0f} s it is not over, where"
-                f" {self.most_s:.0f} s are plenty ({run.quality})"
+                f" {self.most_s:.0f} s are plenty ({quality})"
             )
         raise TargetError(self.blocked)
 
