@@ -27,7 +27,6 @@ def judged(fault: Fault, model: str = "mac23") -> tuple[int, str]:
     [
         Fault("reply", "late", kinds=("20",), amount=600 * MS),
         Fault("reply", "late", when=When(first=200), amount=600 * MS),
-        Fault("reply", "broken by a pause", amount=1200 * MS),
     ],
     ids=str,
 )

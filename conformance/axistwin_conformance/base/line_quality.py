@@ -128,6 +128,11 @@ class SilenceLimit:
     patient_tries: int = PATIENT_TRIES  # left; a device that was given up has none
 
     @property
+    def may_be_slow(self) -> bool:
+        """True for a device that is worth being waited for longer: mostly there was silence."""
+        return self.patient_tries > 0 and 2 * self.silent > self.bad
+
+    @property
     def is_patient(self) -> bool:
         """True while a device that may be slow is waited for."""
         return self.patient_tries < PATIENT_TRIES

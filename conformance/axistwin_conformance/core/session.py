@@ -276,13 +276,13 @@ class Session:
         return is_good or self.is_strict or self.is_reproduced
 
     def _count_bad(self, reply: bytes) -> None:
-        """Count a bad reply.  A device that would be given up, but has said something since its
-        last good one, may be slow: from then on it is waited for longer."""
+        """Count a bad reply.  A device that would be given up, but has said something while nobody
+        listened for its reply, may be slow: from then on it is waited for longer."""
         limit, transport = self.run.silence_limit, self.transport
         try:
             limit.tried(transport.now_ns, self.run.quality.bad_when_lost, is_silence=not reply)
         except TargetError:
-            if not limit.patient_tries or not transport.transcript.has_come(limit.since_ns):
+            if not (limit.may_be_slow and transport.transcript.has_come(limit.since_ns)):
                 self.run.late_s %= SILENCE_LIMIT_S  # nor is it slow
                 raise
             limit.patient_tries -= 1

@@ -132,12 +132,11 @@ def _waited_ns(session: Session, request: bytes) -> int:
 
 
 def _insisted(driver: AxisDriver, index: int) -> AxisReply:
-    """Ask until there is an answer; longer if what comes differs, which is noise, or late.  What is
-    garbage in the end may be replies of which the rest comes late."""
+    """Ask until there is an answer; longer if what comes differs, which is noise, or late."""
     seen, since_ns = set[bytes](), driver.client.target.now_ns
 
     def is_replied() -> bool:
-        return driver.client.ask(index).kind not in (ReplyKind.SILENCE, ReplyKind.GARBAGE)
+        return driver.client.ask(index).kind is not ReplyKind.SILENCE
 
     for number in range(1, RETRY.exchange + 1):
         reply: AxisReply = driver.client.ask(index).reply
@@ -146,8 +145,5 @@ def _insisted(driver: AxisDriver, index: int) -> AxisReply:
             reply = driver.client.ask(index).reply
         seen.add(reply.raw)
         if reply.kind is ReplyKind.ANSWER or (number >= RETRY.presence and len(seen) == 1):
-            return reply
-    if reply.kind is ReplyKind.GARBAGE:
-        learn_delay(driver.session, since_ns, is_replied)
-        reply = driver.client.ask(index).reply
+            break
     return reply
