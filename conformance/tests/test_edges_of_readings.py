@@ -46,6 +46,13 @@ def test_a_number_at_its_edge_fails_nothing(model: str, switch: str, value: str)
     assert row["outcome"] in ("sound", "unread"), row["why"]
 
 
+def test_the_longest_payload_is_sought_behind_a_port_too() -> None:
+    """It takes longer on the line than the time within which a port takes what is written."""
+    sweep = QuirkSweep(Setting("mn400", "a plain port", "quick", 300), seed=1)
+    row = sweep.judge_readings({"rx_payload_max": "9000"})
+    assert row["outcome"] == "sound", row["why"]
+
+
 def test_a_target_that_slow_replies_let_be_reached_is_not_behind() -> None:
     """0Bh on the way comes when the move is over: the check tells that, and fails nothing."""
     url = "axistwin://mac23:0?time=virtual&quirk.reply_latency_us=450000"

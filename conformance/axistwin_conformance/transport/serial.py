@@ -134,11 +134,17 @@ class SerialTransport(Transport):
         """Send the bytes and return the time at which that began."""
         started_ns = self._announced(bytes(data))
         with self._told("sending"):
-            self._port.write(bytes(data))
+            for piece in self._in_parts(bytes(data)):
+                self._port.write(piece)
         if not self.is_virtual:
             late_ns = self.now_ns - started_ns - len(data) * self.byte_ns
             self.lateness.note("sending", late_ns, is_device_free=True)
         return started_ns
+
+    def _in_parts(self, data: bytes) -> Sequence[bytes]:
+        """The same in parts that the line carries well within the time-out of the port."""
+        most = max(1, round(WRITE_TIMEOUT_S / 3 * 1e9) // max(1, self.byte_ns))
+        return [data[at : at + most] for at in range(0, len(data), most)] or (data,)
 
     def note_exchange(
         self,
