@@ -96,16 +96,16 @@ class LineQuality:
     @property
     def alike_needed(self) -> int:
         """How many times the same bad thing must come before it is the device's."""
-        return max(LEAST_ALIKE, self._in_a_row(FALSE_ALARM))
+        return max(LEAST_ALIKE, self._in_a_row(FALSE_ALARM, self.most_noise))
 
     @property
     def bad_when_lost(self) -> int:
         """How many bad replies in a row mean that nobody answers any more."""
-        return self._in_a_row(FALSE_LOSS)
+        return self._in_a_row(FALSE_LOSS, MOST_NOISE)
 
-    def _in_a_row(self, chance: float) -> int:
+    def _in_a_row(self, chance: float, most_noise: float) -> int:
         """How many corrupted exchanges in a row are as unlikely as that."""
-        return math.ceil(math.log(chance) / math.log(min(self.rate, self.most_noise)))
+        return math.ceil(math.log(chance) / math.log(min(self.rate, most_noise)))
 
     def is_reproduced(self, replies: list[bytes]) -> bool:
         """True if the last replies to one request are alike and too many for noise."""
