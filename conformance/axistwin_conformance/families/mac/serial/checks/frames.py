@@ -360,6 +360,22 @@ def the_sub_index_matters_only_to_memory_queries(session: Session) -> None:
     )
 
 
+@check("MACS-FRAME-09", safety="stored")
+def the_sub_index_is_no_part_of_a_number(session: Session) -> None:
+    """A sub-index other than 00 before a setting changes nothing of what is set, or is refused."""
+    driver = SerialDriver(session)
+    for number, sub_index in ((0x01234567, 0x01), (-0x01234567, 0xFF), (0x01234567, 0xF0)):
+        before = driver.client.value(0x22)
+        kind = driver.client.command(0x09, number, sub_index).kind
+        stored = driver.client.value(0x22)
+        outcome: int | str = f"09h {sub_index:02X}h: {kind.value}, then 22h reads {stored:08X}h"
+        if kind is ReplyKind.ACCEPTED and stored == number & 0xFFFFFFFF:
+            outcome = 0
+        elif kind is ReplyKind.REFUSED and stored == before:
+            outcome = 1
+        driver.judge.reading("subindex_policy", outcome)
+
+
 @check("MACS-FRAME-10")
 def noise_between_frames_is_ignored(session: Session) -> None:
     """Bytes before Stx and behind Etx do not disturb the frame beside them."""
