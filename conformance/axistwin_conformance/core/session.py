@@ -283,7 +283,7 @@ class Session:
             limit.tried(transport.now_ns, self.run.quality.bad_when_lost, is_silence=not reply)
         except TargetError:
             if not (limit.may_be_slow and transport.transcript.has_come(limit.since_ns)):
-                self.run.late_s %= SILENCE_LIMIT_S  # nor is it slow
+                self.run.late_s = 0.0 if limit.is_patient else self.run.late_s
                 raise
             limit.patient_tries -= 1
             self.run.late_s = SILENCE_LIMIT_S
