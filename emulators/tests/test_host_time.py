@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import hashlib
 import inspect
 import queue
 import selectors
@@ -157,6 +158,25 @@ def test_all_clocks_go_on_together_from_the_present_date(twin: testing.StartedTw
     )
     assert time.time_ns() - before_ns == pytest.approx(7200 * NS_PER_S, abs=NS_PER_S / 1000)
     assert before[0] == pytest.approx(before_ns / NS_PER_S, abs=0.001)
+
+
+def test_a_thread_that_computes_for_long_in_c_is_waited_for(twin: testing.StartedTwin) -> None:
+    """Nor does one fall behind to which a busy machine gives no time."""
+    ticks: list[int] = []
+
+    def tick() -> None:
+        while not ended.is_set():
+            time.sleep(1.0)
+            ticks.append(twin.virtual_time_ns)
+
+    ended = threading.Event()
+    other = threading.Thread(target=tick)
+    other.start()
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 1_000_000)
+    computed = len(ticks)
+    ended.set()
+    other.join()
+    assert computed == 0
 
 
 def test_a_thread_that_blocks_in_what_is_not_known_is_not_waited_for(

@@ -10,12 +10,13 @@
    waits for such a twin.  All other threads of the process keep their real time.
 4. A thread that is held up by what is not known here (a lock, a socket, another process) for more
    than ``GRACE_S`` of real time is not waited for until it goes on; for that it has ``CHANCE_S``
-   of real time each time when all others wait.
+   of real time each time when all others wait.  One that computes, or would if this machine were
+   less busy, is not held up, as far as the operating system tells.
 5. Each look at a clock takes ``LOOK_NS``, so that a loop that does nothing else ends.
 """
 
 import sys
-from _thread import RLock, allocate_lock, get_ident
+from _thread import RLock, allocate_lock, get_ident, get_native_id
 from collections.abc import Callable
 from time import sleep
 from typing import Final
@@ -37,6 +38,7 @@ class Participant:
 
     def __init__(self, ident: int = 0) -> None:
         self.ident = ident
+        self.native_id = 0
         self.turn = allocate_lock()
         self.turn.acquire()
         self.is_waiting = False
@@ -52,11 +54,19 @@ class Participant:
 
     def place(self) -> object:
         """Which instruction it is at; None if it has ended, something else each time before it is
-        there."""
-        if not self.ident:
+        there, and while it computes."""
+        if not self.ident or self.is_runnable():
             return object()
         frame = sys._current_frames().get(self.ident)
         return None if frame is None else (id(frame), frame.f_lasti)
+
+    def is_runnable(self) -> bool:
+        """Whether the operating system lets it run, or would at once; False where none tells."""
+        try:
+            with open(f"/proc/self/task/{self.native_id}/stat", "rb") as file:
+                return file.read().rpartition(b") ")[2].startswith(b"R")
+        except OSError:
+            return False
 
 
 class HostTime:
@@ -97,8 +107,8 @@ class HostTime:
         return newcomer
 
     def begin(self, newcomer: Participant, ident: int) -> None:
-        """It runs now."""
-        newcomer.ident = ident
+        """It runs now: the present thread."""
+        newcomer.ident, newcomer.native_id = ident, get_native_id()
         self._by_ident[ident] = newcomer
 
     def leave(self, participant: Participant) -> None:
