@@ -18,6 +18,7 @@
 import sys
 from _thread import RLock, allocate_lock, get_ident, get_native_id
 from collections.abc import Callable
+from pathlib import Path
 from time import sleep
 from typing import Final
 
@@ -63,10 +64,10 @@ class Participant:
     def is_runnable(self) -> bool:
         """Whether the operating system lets it run, or would at once; False where none tells."""
         try:
-            with open(f"/proc/self/task/{self.native_id}/stat", "rb") as file:
-                return file.read().rpartition(b") ")[2].startswith(b"R")
+            stat = Path(f"/proc/self/task/{self.native_id}/stat").read_bytes()
         except OSError:
             return False
+        return stat.rpartition(b") ")[2].startswith(b"R")
 
 
 class HostTime:
