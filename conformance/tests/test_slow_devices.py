@@ -1,4 +1,4 @@
-"""A device that is slow, from the first word or from the middle of a run on, is no silent one."""
+"""A device that is slow, or silent to one command alone, is no silent one."""
 
 from __future__ import annotations
 
@@ -49,4 +49,10 @@ def test_what_a_bus_corrupts_comes_right_within_a_few_attempts() -> None:
 def test_replies_exchanged_two_by_two_fail_on_a_bus() -> None:
     """They were taken for corrupted ones until the time of the run was over."""
     status, sentence = judged(Fault("reply", "before the one that is due"), "mac23-can")
+    assert status == 1, sentence
+
+
+def test_who_is_silent_to_one_command_alone_fails_on_a_bus_too() -> None:
+    """What others say unasked meanwhile was taken for its reply, and it for one that was lost."""
+    status, sentence = judged(Fault("effect", "none, no reply", kinds=("d18",)), "mac23-can")
     assert status == 1, sentence

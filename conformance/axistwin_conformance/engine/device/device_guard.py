@@ -447,10 +447,11 @@ class DeviceGuard:
 
     def _silence(self, session: Session) -> Violation | None:
         """What a device fails that says nothing to the last request and still answers others."""
-        request, reply = last_exchange(session.records())
-        if reply or session.run.target.is_lossless or self.blocked:
+        request, heard = last_exchange(session.records())
+        is_answered = bool(self.options.family.reply_in(heard))
+        if is_answered or session.run.target.is_lossless or self.blocked:
             return None
-        violation = self.options.family.diagnose(session, request, reply)
+        violation = self.options.family.diagnose(session, request, b"")
         with contextlib.suppress(TargetError):
             return violation if violation and self.is_sane(session.run) else None
         return None
