@@ -173,10 +173,6 @@ class Family(ABC):
         nothing any more where it was; it may be found where only a command led that nobody sent."""
         return None
 
-    def reply_in(self, heard: bytes) -> bytes:
-        """What of the bytes heard since a request may be a reply: not what is said unasked."""
-        return heard
-
     def lenient(self, session: Session, request: bytes, reply: bytes) -> Lenient | None:
         """The reply to a sound request read under a lenient grammar, with each thing in which it
         departs from the strict one named; None: nothing of this protocol, or silence."""

@@ -446,12 +446,13 @@ class DeviceGuard:
             return found
 
     def _silence(self, session: Session) -> Violation | None:
-        """What a device fails that says nothing to the last request and still answers others."""
+        """What a device fails that says nothing to the last request and still answers others; what
+        comes unasked meanwhile makes no difference."""
         request, heard = last_exchange(session.records())
-        is_answered = bool(self.options.family.reply_in(heard))
+        violation = self.options.family.diagnose(session, request, b"")
+        is_answered = violation != self.options.family.diagnose(session, request, heard)
         if is_answered or session.run.target.is_lossless or self.blocked:
             return None
-        violation = self.options.family.diagnose(session, request, b"")
         with contextlib.suppress(TargetError):
             return violation if violation and self.is_sane(session.run) else None
         return None

@@ -168,11 +168,6 @@ class MacCan(AxisFamily):
         """See `diagnose`."""
         return diagnose(session, request, reply)
 
-    def reply_in(self, heard: bytes) -> bytes:
-        """See `Family.reply_in`: neither lifebeats nor boot-up messages."""
-        frames = unpack_all(heard)
-        return b"".join(one.pack() for one in frames if not codec.is_spontaneous(one))
-
     def _read_leniently(
         self, session: Session, request: bytes, reply: bytes, after_ns: int
     ) -> Lenient | None:
