@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from itertools import cycle
 from typing import Final
 
 from axistwin_conformance.base.check import check
@@ -258,13 +259,13 @@ def a_download_with_a_sub_index_sets_the_same(session: Session) -> None:
     """A download with any sub-index sets what it sets without one, or is refused and sets
     nothing."""
     driver = CanDriver(session)
-    for sub_index in SUB_INDICES:
-        before, value = TORQUE.read(driver), TORQUE.other(driver)
-        request = driver.client.request(0x0C, value, sub_index)
+    for setting, sub_index in zip(cycle((TORQUE, SETTINGS[0x09])), SUB_INDICES, strict=False):
+        before, value = setting.read(driver), setting.other(driver)
+        request = driver.client.request(setting.index, setting.parameter(value), sub_index)
         outcome = outcome_of(driver, request, {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: 1})
         driver.judge.reading("subindex_policy", outcome)
-        wanted, seen = (value, before)[outcome == 1], TORQUE.read(driver)
-        session.expect(seen == wanted, None, f"torque {wanted:02X}", f"{seen:02X}")
+        wanted, seen = (value, before)[outcome == 1], setting.read(driver)
+        session.expect(seen == wanted, None, f"{setting.stored.name} {wanted:02X}", f"{seen:02X}")
 
 
 # --- parameters ----------------------------------------------------------------------------------
