@@ -37,6 +37,12 @@ def test_who_replies_late_is_waited_for(fault: Fault) -> None:
     assert "unreachable" not in sentence
 
 
+def test_replies_that_stop_in_their_midst_are_no_other_protocol() -> None:
+    """What came was the end of one and the beginning of the next; now that is what fails."""
+    status, sentence = judged(Fault("reply", "broken by a pause", amount=1200 * MS))
+    assert status == 1, sentence
+
+
 def test_what_a_bus_corrupts_comes_right_within_a_few_attempts() -> None:
     """A controller sends a corrupted frame again; a line may corrupt every other reply."""
     needed = [

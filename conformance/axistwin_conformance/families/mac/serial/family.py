@@ -7,11 +7,12 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final
 
+from axistwin_conformance.base.retry import RETRY
 from axistwin_conformance.base.transcript import Direction, Record
 from axistwin_conformance.core.family import Violation
 from axistwin_conformance.core.identity import Model
 from axistwin_conformance.core.lenient import Lenient
-from axistwin_conformance.core.session import Run, Session
+from axistwin_conformance.core.session import REPLY_TIMEOUT_S, Run, Session
 from axistwin_conformance.core.wording import Exchange
 from axistwin_conformance.families.mac.axis.axis_family import AxisFamily
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
@@ -32,6 +33,7 @@ from axistwin_conformance.transport.serial import SerialTransport, open_target
 FACTORY_BAUD: Final = 38400  # MACS-LINE-01
 BAUDS: Final = (9600, 19200, 38400)  # MACS-CMD-1B-01
 FACE_BYTES: Final = 16
+PARTS_S: Final = 3.0  # how long the parts of a reply are waited for, of whom nothing else comes
 
 MODELS: Final = {
     model.name: model
@@ -117,10 +119,32 @@ class MacSerial(AxisFamily):
             raw = reply.raw + target.receive(FACE_BYTES, QUIET_S)
             text = "".join(chr(byte) if 0x20 <= byte < 0x7F else "." for byte in raw)
             came = f"something else talks there: {raw.hex(' ').upper()} ({text})"
+            if self._replies_in_parts(driver, raw):
+                came = "replies stop in their midst, and go on later"
         return (
             f"no module answers at address {self._address_text(driver.client.address)} and"
             f" {target.baud} baud: {came}; try --baud {others}, or another --address"
         )
+
+    def _replies_in_parts(self, driver: AxisDriver, heard: bytes) -> bool:
+        """Whether replies are whole, of which only a part was listened to; then that is judged
+        (MACS-REPLY-16).  Time after time, since noise does not do that."""
+        session, target = driver.session, driver.session.target
+        request, took_s = codec.request(driver.client.address, 0x24).encode(), 0.0
+        if self.lenient(session, request, heard) is not None:
+            return False  # then it is no part of one
+        for _ in range(RETRY.alike):
+            target.wait(PARTS_S)
+            target.drain()
+            sent_ns = target.send(request)
+            reply = codec.parse(target.receive(codec.ANSWER_BYTES, PARTS_S))
+            took_s = (target.now_ns - sent_ns) / 1e9
+            if reply.kind is not ReplyKind.ANSWER or took_s <= REPLY_TIMEOUT_S:
+                return False
+        actual = f"one in parts, over {took_s:.1f} s"
+        limit = f"a reply within {REPLY_TIMEOUT_S:g} s"
+        session.run.violations.append(("MACS-REPLY-16", limit, actual))
+        return True
 
     def _own_values(self, driver: AxisDriver) -> dict[str, str]:
         """The highest torque limit, from the RAM."""
