@@ -162,7 +162,7 @@ class Run:
     unasked_starts: int = 0  # how often a device has started anew that nobody had made do so
     # While something is put back: the check that is run right after that, if one is.
     next_check: Check | None = None
-    late_s: float = 0.0  # how long a device takes to reply that was slow to say its first word
+    late_s: float = 0.0  # how long a device takes to reply that is slow, or may be
 
     @property
     def runaway(self) -> str:
@@ -236,7 +236,7 @@ class Session:
     @property
     def reply_timeout_s(self) -> float:
         """How long to wait for a reply: the ledger's limit and the line's measured worst, or until
-        that is measured what `learn_delay` has found."""
+        that is measured what is known of a slow device."""
         return REPLY_TIMEOUT_S + max(self.transport.round_trip.max_ns / 1e9, self.run.late_s)
 
     # Exchanges.

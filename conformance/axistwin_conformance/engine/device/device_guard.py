@@ -448,11 +448,12 @@ class DeviceGuard:
     def _silence(self, session: Session) -> Violation | None:
         """What a device fails that says nothing to the last request and still answers others; what
         comes unasked meanwhile makes no difference."""
+        if session.run.target.is_lossless or self.blocked:
+            return None
         request, heard = last_exchange(session.records())
         violation = self.options.family.diagnose(session, request, b"")
-        is_answered = violation != self.options.family.diagnose(session, request, heard)
-        if is_answered or session.run.target.is_lossless or self.blocked:
-            return None
+        if violation != self.options.family.diagnose(session, request, heard):
+            return None  # it has answered
         with contextlib.suppress(TargetError):
             return violation if violation and self.is_sane(session.run) else None
         return None

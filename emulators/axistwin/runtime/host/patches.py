@@ -192,7 +192,7 @@ def _start(thread: threading.Thread) -> None:
 
     def run_in_turn() -> None:
         del thread.run
-        host.begin(newcomer, get_ident())
+        host.begin(newcomer)
         try:
             run()
         finally:

@@ -98,7 +98,7 @@ class HostTime:
     def take_part(self) -> None:
         """Let the present thread take part, until it ends or the time does."""
         if self.is_on and self.current() is None:
-            self.begin(self.expect(), get_ident())
+            self.begin(self.expect())
 
     def expect(self) -> Participant:
         """A thread that is about to start, and waited for already."""
@@ -107,10 +107,10 @@ class HostTime:
             self._participants.append(newcomer)
         return newcomer
 
-    def begin(self, newcomer: Participant, ident: int) -> None:
+    def begin(self, newcomer: Participant) -> None:
         """It runs now: the present thread."""
-        newcomer.ident, newcomer.native_id = ident, get_native_id()
-        self._by_ident[ident] = newcomer
+        newcomer.ident, newcomer.native_id = get_ident(), get_native_id()
+        self._by_ident[newcomer.ident] = newcomer
 
     def leave(self, participant: Participant) -> None:
         """It has ended, or will not start."""
