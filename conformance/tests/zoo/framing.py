@@ -230,6 +230,18 @@ def the_sub_index_is_the_top_of_a_number(patch: MonkeyPatch) -> None:
     frames(patch, act)
 
 
+@mutant("MACS-FRAME-09")
+def the_sub_index_is_the_top_of_a_target(patch: MonkeyPatch) -> None:
+    """The last digit of a sub-index other than 00 takes the place of the third of a target."""
+
+    def act(judge: Any_, module: MacSerial, frame: bytes, request: Any) -> None:
+        if request.command == 0x13 and frame[8:10] != b"00":
+            frame = frame[:12] + frame[9:10] + frame[13:]
+        judge(frame, request)
+
+    frames(patch, act)
+
+
 @mutant("MACS-FRAME-10")
 def noise_spoils_the_next_frame(patch: MonkeyPatch) -> None:
     """Reception counts 21 bytes from the first byte heard, be it Stx or not."""

@@ -375,6 +375,18 @@ def the_sub_index_is_the_top_of_a_number(patch: MonkeyPatch) -> None:
 
 
 @can_mutant("MACC-SDO-09")
+def the_sub_index_is_the_top_of_a_target(patch: MonkeyPatch) -> None:
+    """The sub-index of a download of a target comes into the second byte of its number."""
+
+    def act(serve: Any_, _: MacCan, request: bytes) -> Any:
+        if request[:3] != bytes((DOWNLOAD, 0x13, 0x20)):
+            return serve()
+        return serve(request[:5] + bytes((request[3] ^ request[5],)) + request[6:])
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-09")
 def a_download_to_a_sub_index_is_lost(patch: MonkeyPatch) -> None:
     """A download with a sub-index other than 00 is acknowledged and sets nothing."""
 

@@ -514,6 +514,20 @@ def a_write_does_not_end_the_wait(patch: MonkeyPatch) -> None:
     _wait_survives(patch, "_obey", act)
 
 
+@msc_mutant("MSC-LNK-16")
+def t2_goes_on_while_a_packet_is_carried_out(patch: MonkeyPatch) -> None:
+    """T2 runs out, and the reply is repeated, amid the exchange that has ended the wait for it."""
+
+    def act(go: Any_, receiver: Receiver, chunk: Any) -> None:
+        is_amid = receiver.state is ReceiverState.WAIT and chunk.data[0] == STX
+        old_due = receiver._answer_due
+        go()
+        if is_amid and receiver._busy_until != NEVER and is_sum_right(chunk.data):
+            receiver._answer_due = old_due
+
+    around(patch, Receiver, "receive", act)
+
+
 @msc_mutant("MSC-LNK-04")
 def what_comes_behind_a_write_is_left_lying(patch: MonkeyPatch) -> None:
     """What has come while a write was ACKed is looked at after the next exchange."""

@@ -18,6 +18,7 @@ from axistwin_conformance.families.msc.link import COARSE_NS, MS, ROUNDING_NS, N
 ORDER = 25  # of this module in a run; see `Family.modules`
 
 STRAYS: Final = (NAK, NAK + NAK, ACK + NAK + ACK)
+OTHER: Final = codec.rflag(0)  # whose reply cannot be taken for RQSTAT's
 ODD_BYTES: Final = b"\x00\xffA"  # neither signs nor 02h
 MIDDLE, LATE = 0.6, 0.99  # of the time in which a sign surely comes within T2
 REAL_LATE: Final = 0.85  # a busy host is late itself
@@ -93,14 +94,8 @@ def a_sign_counts_whenever_it_comes(session: Session) -> None:
     """An ACK or a NAK in the middle of T2, or just before it is over, is taken as at once: nothing
     comes of the one, one repeat of the other.  (WAIT 06h, 15h)"""
     driver = MscDriver(session)
-    if not is_surely(session, "ack_timeout_action", "retransmit"):
-        session.skip("nothing tells how long this device waits for a sign")
-    driver.link.alive("MSC-LNK-08")
+    _must_tell_t2(driver, "MSC-LNK-08")
     ack_timeout_s = driver.client.ack_timeout_s
-    late_s = driver.link.latency_ns / 1e9 + int(session.reading("reply_delay_ms")) / 1000
-    if _limit_s(driver) <= max(ack_timeout_s * LEAST, late_s * SPARE):
-        text = f"too long here to be told from the {ack_timeout_s * 1000:.0f} ms of T2"
-        session.skip(f"an exchange takes {text}")
     for part in (MIDDLE, LATE if session.target.is_virtual else REAL_LATE):
         first, over_ns = _unanswered(driver)
         at_ns = _send_at(driver, ACK, part, over_ns)
@@ -114,6 +109,43 @@ def a_sign_counts_whenever_it_comes(session: Session) -> None:
         at_ns = _send_at(driver, NAK, part, over_ns)
         _judge_late_nak(driver, first, over_ns, at_ns)
     driver.link.alive("MSC-LNK-11")
+
+
+@check("MSC-LNK-16", "MSC-LNK-08")
+def a_packet_counts_whenever_it_comes(session: Session) -> None:
+    """A packet in the middle of T2, or begun just before it is over, is served as at once, and T2
+    is over with it: nothing comes of the old reply while the packet is carried out, or after it.
+    (WAIT 02h; EXEC)"""
+    driver = MscDriver(session)
+    if not is_surely(session, "stx_while_waiting", "serve"):
+        session.skip("this device does not serve a packet while it waits for a sign")
+    _must_tell_t2(driver, "MSC-LNK-16")
+    for part in (MIDDLE, LATE if session.target.is_virtual else REAL_LATE):
+        _, over_ns = _unanswered(driver)
+        at_ns = _send_at(driver, driver.client.request(OTHER), part, over_ns)
+        text = f"a packet {(at_ns - over_ns) / MS:.0f} ms after a reply"
+        reply, strays = driver.client.receive_packet()
+        session.target.send(ACK)
+        is_served = strays == ACK and reply is not None and reply.name == codec.name_of(OTHER)
+        seen = codec.explain(strays + (reply.raw if reply else b"")) or "nothing"
+        names = ("MSC-LNK-16", "MSC-LNK-08")
+        session.expect(is_served, names, f"ACK and its own reply to {text}", seen)
+        left_s = driver.client.ack_timeout_s * 1.2 + driver.link.glance_s
+        driver.link.nothing_more(names, text, left_s)
+    driver.link.alive("MSC-LNK-16")
+
+
+def _must_tell_t2(driver: MscDriver, requirement: str) -> None:
+    """Go on only where T2 shows, and an exchange leaves most of it."""
+    session = driver.session
+    if not is_surely(session, "ack_timeout_action", "retransmit"):
+        session.skip("nothing tells how long this device waits for a sign")
+    driver.link.alive(requirement)
+    ack_timeout_s = driver.client.ack_timeout_s
+    late_s = driver.link.latency_ns / 1e9 + int(session.reading("reply_delay_ms")) / 1000
+    if _limit_s(driver) <= max(ack_timeout_s * LEAST, late_s * SPARE):
+        text = f"too long here to be told from the {ack_timeout_s * 1000:.0f} ms of T2"
+        session.skip(f"an exchange takes {text}")
 
 
 def _rounding_ns(driver: MscDriver) -> int:
@@ -137,12 +169,12 @@ def _unanswered(driver: MscDriver) -> tuple[Packet, int]:
     return exchange.reply, exchange.asked_ns + count * driver.link.byte_ns
 
 
-def _send_at(driver: MscDriver, sign: bytes, part: float, over_ns: int) -> int:
-    """Send a sign when that part of the time for it is over; when (ns)."""
+def _send_at(driver: MscDriver, raw: bytes, part: float, over_ns: int) -> int:
+    """Send a sign or a packet when that part of the time for it is over; when (ns)."""
     limit_s = _limit_s(driver)
     left_ns = over_ns + round(part * limit_s * 1e9) - driver.target.now_ns
     driver.target.wait(max(0, left_ns) / 1e9)
-    driver.target.send(sign)
+    driver.target.send(raw)
     driver.in_time(over_ns, limit_s, "T2, less a margin,")
     return driver.target.now_ns
 

@@ -82,6 +82,18 @@ def moves_take_the_time_of_the_closed_form(session: Session) -> None:
             )
 
 
+def judge_targets_under_sub_indices(driver: AxisDriver) -> None:
+    """A 13h with a sub-index other than 00 goes to its target, or is refused and moves nothing."""
+    for way, sub_index in ((120, 0x01), (-120, 0xFF), (120, 0xF0)):
+        start = driver.motion.ready()
+        exchange = driver.client.command(0x13, start + way, sub_index)
+        outcomes = {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: 1}
+        outcome = outcomes.get(exchange.kind, exchange.kind.value)
+        driver.judge.reading("subindex_policy", outcome)
+        target = start if outcome == 1 else start + way
+        driver.motion.finish(driver.motion.to_position(exchange, start, target))
+
+
 @check("MACS-CMD-13-01", "MACS-CMD-13-05", safety=MOVES, level="full")
 def long_moves_take_the_time_of_the_closed_form(session: Session) -> None:
     """The ledger's longer examples at 10000 inc/s, and a ramp longer than the move."""

@@ -12,6 +12,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
+from axistwin_conformance.families.mac.axis.checks.motion import judge_targets_under_sub_indices
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
@@ -266,6 +267,12 @@ def a_download_with_a_sub_index_sets_the_same(session: Session) -> None:
         driver.judge.reading("subindex_policy", outcome)
         wanted, seen = (value, before)[outcome == 1], setting.read(driver)
         session.expect(seen == wanted, None, f"{setting.stored.name} {wanted:02X}", f"{seen:02X}")
+
+
+@check("MACC-SDO-09", safety=MOVES)
+def a_target_with_a_sub_index_is_the_same(session: Session) -> None:
+    """A download of a target with any sub-index leads to the same place, or is refused."""
+    judge_targets_under_sub_indices(CanDriver(session))
 
 
 # --- parameters ----------------------------------------------------------------------------------

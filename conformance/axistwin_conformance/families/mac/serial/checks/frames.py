@@ -9,6 +9,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST
+from axistwin_conformance.families.mac.axis.checks.motion import judge_targets_under_sub_indices
 from axistwin_conformance.families.mac.axis.driver.client import (
     QUIET_S,
     AxisExchange,
@@ -19,6 +20,7 @@ from axistwin_conformance.families.mac.axis.driver.motion import SAFE_PERIOD, se
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.parameters import settings_of, values_of
+from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.serial import codec
 from axistwin_conformance.families.mac.serial.codec import ETX, STX, SerialRequest
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
@@ -374,6 +376,12 @@ def the_sub_index_is_no_part_of_a_number(session: Session) -> None:
         elif kind is ReplyKind.REFUSED and stored == before:
             outcome = 1
         driver.judge.reading("subindex_policy", outcome)
+
+
+@check("MACS-FRAME-09", safety=MOVES)
+def the_sub_index_is_no_part_of_a_target(session: Session) -> None:
+    """A sub-index other than 00 before a target leads to the same place, or is refused."""
+    judge_targets_under_sub_indices(SerialDriver(session))
 
 
 @check("MACS-FRAME-10")
