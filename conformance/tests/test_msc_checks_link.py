@@ -275,6 +275,8 @@ LIES: dict[str, tuple[str, Make, str]] = {
         with_fault(leftovers.an_ack_in_the_second_half_of_t2_is_not_heard), "MSC-LNK-11"),
     "a late NAK is not heard": ("a_sign_counts_whenever_it_comes",
         with_fault(leftovers.a_nak_in_the_second_half_of_t2_is_not_heard), "MSC-LNK-10"),
+    "T2 goes on amid an exchange": ("a_packet_counts_whenever_it_comes",
+        with_fault(link.t2_goes_on_while_a_packet_is_carried_out), "MSC-LNK-16"),
     "a second 02h is the start": ("an_02h_in_the_place_of_the_unit_is_a_number",
         with_fault(leftovers.a_second_02h_is_the_start), "MSC-PKT-15"),
     "a refused write is stored": ("a_refused_write_stores_nothing",

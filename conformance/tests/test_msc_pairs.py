@@ -31,6 +31,10 @@ PAIRS: Mapping[str, str] = {
         "packet_timeout_ms=262 rs232_unit_check=nak other_unit_framing=hunt_stx transport=rs232",
     "it refuses what it finds in a packet for another":
         "other_unit_framing=hunt_stx invalid_unit=nak",
+    "it refuses as noise each byte behind a header for another":
+        "other_unit_framing=hunt_stx noise_in_idle=nak transport=rs232",
+    "it refuses such noise, and numbers that are not its own":
+        "rs232_unit_check=nak other_unit_framing=hunt_stx noise_in_idle=nak transport=rs232",
     "the neighbours refuse with it what names no unit":
         "invalid_unit=nak packet_timeout_mode=interbyte",
     "its data area ends between two multiples of four":

@@ -264,7 +264,8 @@ def _to_other(driver: MscDriver, unit: int) -> tuple[str, ...] | MscExchange:
     seen = MscExchange(raw, exchange.sign, reply, exchange.extra + extra)
     if seen.is_silence:
         return ("silent",)
-    if is_hunting and not seen.raw.strip(NAK):
+    refuses_noise = driver.session.reading("noise_in_idle") == "nak"
+    if not seen.raw.strip(NAK) and (is_hunting or (refuses_noise and not seen.is_naked)):
         return ("silent", "nak")  # it may have refused only what is behind the number
     if seen.is_naked:
         return ("nak",)
@@ -294,10 +295,11 @@ def unit_0_is_no_broadcast(session: Session) -> None:
     value = _without_start(spot)
     raw = codec.packet(0, codec.dwrite(spot, value))
     exchange = driver.client.ask(raw, is_read=False)
+    more = driver.client.listen(driver.link.glance_s)  # of who hunts, and refuses what is no 02h
     driver.client.wait_until_quiet()  # a unit that hunts for 02h may have found some
     held = driver.read(spot)
     if exchange.is_naked and held == 1:
-        driver.reading("invalid_unit", "nak")
+        driver.reading("invalid_unit", ("silent", "nak") if more else "nak")
     elif exchange.is_silence and held in (1, value):
         driver.reading("invalid_unit", "silent" if held == 1 else "broadcast")
     elif session.reading("rs232_unit_check") != "ignore" or driver.link.is_rs485:

@@ -387,7 +387,7 @@ def status_latch_as_found(driver: MscDriver) -> Outcome:
 def rs232_unit_check(driver: MscDriver) -> Outcome:
     """RQSTAT with unit 2 on RS-232."""
     _only_on_rs232(driver)
-    drawn = reply_kind_of(driver, codec.packet(2, RQSTAT))
+    drawn = _drawn_by_number(driver, 2)
     return {MscReplyKind.SILENCE: 0, MscReplyKind.NAK: 1, MscReplyKind.REPLY: 2}.get(
         drawn, drawn.value
     )
@@ -420,6 +420,18 @@ def timeout_before_unit_on_rs232(driver: MscDriver) -> Outcome:
     return 1 if driver.link.is_surely_rs232() else (0, 1)
 
 
+def _drawn_by_number(driver: MscDriver, unit: int) -> MscReplyKind:
+    """What the number of a packet draws, be it not this unit's.
+
+    A NAK and more is nothing that the number has drawn: who hunts for 02h behind it may refuse each
+    byte on the way as noise (MSC-AMB-14, -30).
+    """
+    drawn = reply_kind_of(driver, codec.packet(unit, RQSTAT))
+    if drawn is MscReplyKind.NAK and driver.client.listen(glance_s(driver)):
+        return MscReplyKind.SILENCE
+    return drawn
+
+
 def _only_on_rs232(driver: MscDriver) -> None:
     if driver.link.is_rs485:
         driver.session.skip("only a unit 1 alone can be on RS-232")
@@ -441,7 +453,7 @@ def lone_stx(driver: MscDriver) -> bool:
 def invalid_unit(driver: MscDriver) -> Outcome:
     """RQSTAT with units 0, 16 and 255."""
     _only_where_units_are_told_apart(driver)
-    drawn = {reply_kind_of(driver, codec.packet(unit, RQSTAT)) for unit in (0, 16, 255)}
+    drawn = {_drawn_by_number(driver, unit) for unit in (0, 16, 255)}
     if len(drawn) > 1:
         return " or ".join(sorted(drawn))
     # One that obeys does so without a word.  Where several refuse at once, that may be garbled.
