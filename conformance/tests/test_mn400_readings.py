@@ -205,6 +205,14 @@ def test_counters_are_loaded_where_the_axes_are_known_to_stand(name: str, query:
     assert {one.verdict for one in run.result.requirements} <= {Verdict.PASS, Verdict.QUIRK}
 
 
+@pytest.mark.parametrize("name", ["what_is_refused_moves_nothing", "helices_turn_and_traverse"])
+def test_a_board_that_says_move_abort_is_no_failure_where_one_check_is_named(name: str) -> None:
+    """Nobody has looked for that reading yet when the axes are brought to rest."""
+    query = "&quirk.move_abort_use=while_aborted"
+    run = judged_behind(PLAIN, name, model="mn400", level=None, query=query)
+    assert (run.result.exit_status, run.result.problems) == (0, [])
+
+
 @pytest.mark.parametrize("quirks", TOGETHER)
 def test_a_board_of_many_other_readings_conforms_on_a_real_port(quirks: dict[str, str]) -> None:
     """Whose clock began days ago; each reading is told."""

@@ -11,6 +11,7 @@ from typing import Final
 
 from axistwin_conformance.base import interrupts
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mn400 import codec
 from axistwin_conformance.families.mn400.driver import BoardDriver
 from axistwin_conformance.families.mn400.motion.travel_guard import BoardTravelGuard
 
@@ -47,11 +48,11 @@ def _come_to_rest(session: Session, driver: BoardDriver) -> None:
     limiter = session.transport.travel_guard
     guard = limiter if isinstance(limiter, BoardTravelGuard) else None
     for _ in range(1 if guard is None else guard.quits(driver.board)):
-        driver.ask("Q")
+        ended = driver.ask("Q")
     wait_for_rest(driver) if driver.reading("quit_decel") == "true" else driver.position()
     if guard is not None and guard.way_to_start(driver.board) is None:
         wait_for_rest(driver)  # it may have a ramp all the same
-    if session.run.readings.guess("move_abort_use", "") == "while_aborted":
+    if codec.codes_of(ended.found)[-1:] == (codec.ReturnCode.MOVE_ABORT.name,):
         driver.ask("|")  # else no DONE comes until the next motion (MN4-AMB-51)
 
 

@@ -68,7 +68,8 @@ REFUSED: Final = frozenset(
     {"CHKSUMERROR", "INVALIDCOMMAND", "INVALIDPROGCOMM", "PARA_ERROR", "NOMOVEPENDING", "BUSY",
      "SLAVEBUFFOV", "MEMORY_FULL"}
 )  # fmt: skip
-OBEYED: Final = frozenset({"DONE", "data", "PRESENT", "BAUDCHANGEOK"})
+# A MOVE_ABORT tells of the motion before, and nothing of what was sent (MN4-AMB-51).
+OBEYED: Final = frozenset({"DONE", "MOVE_ABORT", "data", "PRESENT", "BAUDCHANGEOK"})
 # Whose business a board is that goes where it was not told, by what had begun its last motion.
 BROKEN: Final = {
     "M": "MN4-CMD-M-01", "A": "MN4-CMD-A-01", "+": "MN4-CMD-HEL-01", "T": "MN4-CMD-T-01",
@@ -429,9 +430,7 @@ class BoardTravelGuard:
             return  # it may have forgotten its segments: what the board takes next tells
         if is_refused:
             self.boards[board] = self._before.get(board, self._after[board])
-        elif said in OBEYED or (
-            said == "MOVE_ABORT" and self.readings.guess("move_abort_use", "") == "while_aborted"
-        ):
+        elif said in OBEYED:
             self.boards[board] = self._after[board].grown(now_ns)
             if said == "data" and asked.command.upper() == "E":
                 self._learn(board, asked, packet)
