@@ -271,6 +271,17 @@ def test_what_a_device_keeps_held_back_begins_with_11h(commands: tuple[int, ...]
     assert line.has_deadline()
 
 
+def test_an_11h_that_is_refused_tells_of_nothing_that_is_held_back() -> None:
+    """10h and a stop that may leave it armed, and 11h is refused: a 15h may run at once."""
+    line = Line(preload_policy="refuse")
+    line.at(500)
+    line.say(0x10)
+    line.say(0x18)
+    line.say(0x11, 0, REFUSED)
+    line.say(0x15, 0x1000)
+    assert line.has_deadline()
+
+
 def test_an_endless_motion_behind_an_unanswered_10h_may_run_at_once(line: Line) -> None:
     """Nobody knows whether it is held: it has to be stopped in time."""
     line.say(0x10, 0, b"")

@@ -104,3 +104,10 @@ def test_a_device_that_may_only_move_slowly_is_judged_slowly(max_speed: int) -> 
     result = judged(level="full", max_speed=max_speed)
     assert (failed(result), result.exit_status) == ([], 0)
     assert set(left_out(result)) <= MATTERS_OF_SPEED
+
+
+def test_where_11h_is_refused_nothing_is_taken_for_armed() -> None:
+    """A stop may leave the arm of 10h there, and 11h is refused where none is left."""
+    query = "&quirk.preload_policy=refuse&quirk.sync_without_preload=refuse"
+    result = judged(query=query)
+    assert (result.exit_status, failed(result)) == (0, [])

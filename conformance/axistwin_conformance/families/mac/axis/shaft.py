@@ -137,6 +137,10 @@ class Axis:
             left, speed=speed, directions=directions, since_ns=now_ns, may_move=True, target=None
         )
 
+    def not_released(self) -> Axis:
+        """11h is refused: what was to be held is not, and nothing may be armed (MACS-AMB-34)."""
+        return self.disarmed() if self.is_filled else self.joined(self.disarmed())
+
     def joined(self, other: Axis) -> Axis:
         """Either of two; nobody knows which."""
         directions = join(self.directions, other.directions)

@@ -431,9 +431,9 @@ class AxisTravelGuard:
                 for address, axis in self._after.items()
             }
         elif reply.kind in (ReplyKind.REFUSED, ReplyKind.NACK):
-            axes = {
-                address: self._before.get(address, self._after[address]) for address in self._after
-            }
+            axes = {address: self._before.get(address, axis) for address, axis in self._after.items()}
+            if asked.index == 0x11:
+                axes = {address: axis.not_released() for address, axis in axes.items()}
         elif reply.kind is ReplyKind.ACCEPTED:
             axes = {
                 address: self._heeded(self._before.get(address, axis), axis, now_ns)
