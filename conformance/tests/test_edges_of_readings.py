@@ -9,6 +9,9 @@ import pytest
 from sweeping.runs import VIRTUAL, Setting
 from sweeping.sweeps import QuirkSweep
 
+from axistwin.devices.mac.axis.axis import _PARAMETERS
+from axistwin.devices.mac.axis.drive import Drive
+from axistwin.devices.mac.axis.parameters import Parameters
 from axistwin_conformance.base.verdicts import Verdict
 from axistwin_conformance.engine.run import Engine
 from axistwin_conformance.options import make_options
@@ -44,6 +47,21 @@ def test_a_number_at_its_edge_fails_nothing(model: str, switch: str, value: str)
     sweep = QuirkSweep(Setting(model, VIRTUAL, "quick", 300), seed=1)
     row = sweep.judge_readings({switch: value})
     assert row["outcome"] in ("sound", "unread"), row["why"]
+
+
+def test_who_takes_too_much_torque_as_the_imax_that_he_refuses_fails_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """0Ch refuses Imax itself, and clamps to it: two readings of MACS-AMB-10 at once."""
+
+    def clamped(parameters: Parameters, number: int) -> bool:
+        value, imax = number & 0xFF, parameters._quirks.imax_value
+        return parameters._set("torque", min(value, imax) if 0 < value != imax else None)
+
+    monkeypatch.setitem(_PARAMETERS, 0x0C, (clamped, Drive.torque_changed))
+    sweep = QuirkSweep(Setting("mac23", VIRTUAL, "quick", 300), seed=1)
+    row = sweep.judge_readings({"torque_range": "exclusive", "torque_over": "clamp"})
+    assert row["outcome"] == "sound", row["why"]
 
 
 def test_the_longest_payload_is_found_however_long_it_takes_on_the_line() -> None:

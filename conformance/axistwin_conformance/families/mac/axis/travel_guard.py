@@ -425,18 +425,19 @@ class AxisTravelGuard:
         if reply is None or asked is None:
             return
         axes = self.axes
+        was = {address: self._before.get(address, axis) for address, axis in self._after.items()}
         if reply.kind is ReplyKind.REFUSED and asked.index == STOP:
             axes = {
-                address: self._unpowered(self._before.get(address, axis), axis, now_ns)
+                address: self._unpowered(was[address], axis, now_ns)
                 for address, axis in self._after.items()
             }
         elif reply.kind in (ReplyKind.REFUSED, ReplyKind.NACK):
-            axes = {address: self._before.get(address, axis) for address, axis in self._after.items()}
+            axes = was
             if asked.index == 0x11:
-                axes = {address: axis.not_released() for address, axis in axes.items()}
+                axes = {address: axis.not_released() for address, axis in was.items()}
         elif reply.kind is ReplyKind.ACCEPTED:
             axes = {
-                address: self._heeded(self._before.get(address, axis), axis, now_ns)
+                address: self._heeded(was[address], axis, now_ns)
                 for address, axis in self._after.items()
             }
             for address in self._before if asked.address is None else (asked.address,):

@@ -70,7 +70,7 @@ def excessive_torque(driver: AxisDriver, imax: int, value: int) -> int | tuple[i
     if kind is ReplyKind.REFUSED and after == PLAIN_TORQUE:
         return 0 if value & 0x7F <= imax else (0, 2)  # what is left of it may be too much as well
     highest = imax - (driver.session.reading("torque_range") == "exclusive")
-    taken_as = {1: (highest,), 2: (value & (imax - 1), value & 0x7F)}
+    taken_as = {1: (highest, imax), 2: (value & (imax - 1), value & 0x7F)}
     fitting = tuple(number for number, values in taken_as.items() if after in values)
     if kind is ReplyKind.ACCEPTED and fitting:
         return fitting
