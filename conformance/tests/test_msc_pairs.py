@@ -41,6 +41,7 @@ PAIRS: Mapping[str, str] = {
         "data_address_stride=1 data_size=32770 block_overrun=wrap",
     "its data area ends elsewhere, and reads 0 behind that":
         "data_size=32766 data_out_of_range=zero",
+    "its scans are counted by exchanges of six seconds": "reply_delay_ms=9 response_delay_ms=3000",
     "its scan is longer than an exchange, and its reply comes a second later":
         "scan_ms=39 reply_delay_ms=3000",
     "four wires of RS-485 are not told from RS-232": "transport=rs485 rs485_mode=four_wire",

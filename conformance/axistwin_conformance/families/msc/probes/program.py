@@ -35,7 +35,7 @@ def write_visibility(driver: MscDriver) -> Outcome:
         on, off = driver.set_flag(program.pulse), driver.clear_flag(program.pulse)
         widths_ns.append(off.signed_ns - on.signed_ns)
     scans, busy_ns = program.ticks() - scans, target.now_ns - since_ns
-    if scans - calm * busy_ns / calm_ns > PULSES:  # of two writes each
+    if scans - (calm + 1) * busy_ns / calm_ns > PULSES:  # of two writes each
         return 1
     if program.pulses() - before < PULSES:
         return 0
