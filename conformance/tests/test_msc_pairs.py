@@ -33,6 +33,7 @@ PAIRS: Mapping[str, str] = {
         "other_unit_framing=hunt_stx invalid_unit=nak",
     "it refuses as noise each byte behind a header for another":
         "other_unit_framing=hunt_stx noise_in_idle=nak transport=rs232",
+    "it refuses noise while the host still sends it": "noise_in_idle=nak transport=rs485",
     "it refuses such noise, and numbers that are not its own":
         "rs232_unit_check=nak other_unit_framing=hunt_stx noise_in_idle=nak transport=rs232",
     "the neighbours refuse with it what names no unit":
