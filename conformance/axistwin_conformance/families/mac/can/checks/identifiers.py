@@ -7,14 +7,17 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import velocity
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Segment
 from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES, PARAMETERS
+from axistwin_conformance.families.mac.axis.probes.sync import is_held, wait_steps
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.boot_up import await_boot_up
 from axistwin_conformance.families.mac.can.codec import CanRequest
 from axistwin_conformance.families.mac.can.collect_replies import (
     described,
@@ -24,6 +27,7 @@ from axistwin_conformance.families.mac.can.collect_replies import (
     unknown_addresses,
 )
 from axistwin_conformance.families.mac.can.driver import CanDriver
+from axistwin_conformance.families.mac.can.settings import SETTINGS, TORQUE
 from axistwin_conformance.transport.can_frame import Frame
 
 ORDER = 30  # of this module in a run; see `Family.modules`
@@ -36,6 +40,13 @@ MEANINGFUL: Final = frozenset({codec.NMT, codec.SYNC, codec.LMT_REQUEST, codec.R
 OTHER_BASES: Final = (
     0x100, 0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500, 0x580, 0x680, 0x700, 0x780,
 )  # fmt: skip
+# Those without an address: 100h, the standard's time, and 080h mean something to others.
+OTHER_GENERAL: Final = (
+    0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500, 0x580, 0x680, 0x700, 0x780,
+)  # fmt: skip
+STRANGE_COMMANDS: Final = (0x22, 0x27, 0x2B, 0x2F, 0x60, 0x00)  # neither download nor upload
+LONG: Final = 100  # increments at the slowest speed: longer than what is sent meanwhile
+BURST: Final = 5  # segments: one more than any module takes
 REMOTE_LENGTHS: Final = (0, 1, 8)
 TORQUES: Final = (0x21, 0x22)  # of 200Ch, both inside the range of every model
 STOPS: Final = (0x0012_3456, 0x0023_4567)  # of 2009h
@@ -80,21 +91,76 @@ def downloads_to_other_addresses_do_nothing(session: Session) -> None:
     driver = CanDriver(session)
     start = driver.motion.ready()
     before = [driver.client.value(index) for index in HELD]
+    other = _nobody(driver)
+    cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0), (0x0C, 0x11), (0x09, 0x1234)]
+    if not session.envelope.is_guarded:  # or a module that nobody has named might be there and move
+        cases += [(0x13, start + 300), (0x15, velocity(1, SLOWEST)), (0x00, 0)]
+    _told(driver, *(driver.client.request(*case, address=other) for case in cases))
+    torque = driver.client.request(0x0C, TORQUE.other(driver), address=other)
+    _told(driver, *(replace(torque, command=command) for command in STRANGE_COMMANDS))
+    following = session.address % codec.ADDRESSES[-1] + 1
+    if following not in session.neighbours and not unknown_module_at(driver.client, following):
+        _told(driver, replace(torque, address=following))
+    after = [driver.client.value(index) for index in HELD]
+    session.expect(after == before, "MACC-ID-02", _hex(before), _hex(after))
+
+
+def _nobody(driver: CanDriver) -> int:
+    """An address where nobody is."""
+    session = driver.session
     taken = {session.address, *session.neighbours}
     other = next(address for address in FOREIGN if address not in taken)
     hint = unknown_module_at(driver.client, other)  # before it is told anything
     if hint:
         session.fail("MACC-ID-02", f"silence at {other}", "an answer to 2000h", hint)
-    cases = [(0x0D, 0x1456), (0x0F, 0x21), (0x0B, 0), (0x0C, 0x11), (0x09, 0x1234)]
-    if not session.envelope.is_guarded:  # or a module that nobody has named might be there and move
-        cases += [(0x13, start + 300), (0x15, velocity(1, SLOWEST)), (0x00, 0)]
-    for index, parameter in cases:
-        received = replies(
-            driver, driver.client.request(index, parameter, address=other).frame(), is_awaited=False
+    return other
+
+
+def _told(driver: CanDriver, *requests: CanRequest) -> None:
+    """Judge that nobody answers what is said to an address where nobody is."""
+    for request in requests:
+        received = replies(driver, request.frame(), is_awaited=False)
+        driver.session.expect(
+            not received,
+            "MACC-ID-02",
+            f"silence to {codec.explain(request.frame())}",
+            described(received),
         )
-        session.expect(not received, "MACC-ID-02", f"silence at {other}", described(received))
-    after = [driver.client.value(index) for index in HELD]
-    session.expect(after == before, "MACC-ID-02", _hex(before), _hex(after))
+
+
+@check("MACC-ID-02", "MACC-CMD-10-01", safety=MOVES)
+def what_others_are_told_neither_starts_nor_disarms_it(session: Session) -> None:
+    """While it is armed, holds a motion or moves, commands for another address change nothing."""
+    driver = CanDriver(session)
+    neighbours = [CanDriver(session, address) for address in session.neighbours[:1]]
+    places = [neighbour.motion.ready() for neighbour in neighbours]
+    start = driver.motion.ready(SLOWEST)
+    other = _nobody(driver)
+    far = start + driver.limits.way_outlasting(LONG, SLOWEST, 2 * BURST)
+
+    def told(*cases: tuple[int, int]) -> None:
+        _told(driver, *(driver.client.request(*case, address=other) for case in cases))
+
+    driver.judge.accepted(0x10)
+    for neighbour, place in zip(neighbours, places, strict=True):
+        neighbour.judge.accepted(0x13, place)
+    if not session.envelope.is_guarded:
+        told((0x13, far), (0x14, 0), (0x15, 0))
+    driver.judge.accepted(0x13, far)
+    names = ("MACC-ID-02", "MACC-CMD-10-01")
+    wanted_text = f"held at {start} whatever motion others were sent"
+    session.expect(is_held(driver, start), names, wanted_text, driver.client.position())
+    for index in (0x11, 0x17, 0x18):
+        told((index, 0))
+        wanted_text = f"held at {start} after {driver.client.named(index)} to {other}"
+        session.expect(is_held(driver, start), "MACC-ID-02", wanted_text, driver.client.position())
+    forecast = driver.motion.to_position(driver.judge.accepted(0x11), start, far)
+    driver.client.wait(driver.motion.lasting_s(LONG // 4))  # the counter of who starts at 0 is not
+    told((0x0B, 0), (0x17, 0), (0x18, 0))
+    driver.motion.finish(forecast, "MACC-ID-02")
+    driver.motion.at_rest()
+    told((0x10, 0))
+    driver.motion.finish(driver.motion.go(start), "MACC-ID-02")
 
 
 @check("MACC-ID-01", "MACC-ID-02", "MACC-SDO-06", safety="stored", needs=("neighbour",))
@@ -118,7 +184,7 @@ def each_module_answers_and_obeys_its_own_identifier(session: Session) -> None:
 
 def _other_identifiers(driver: CanDriver) -> list[int]:
     if not driver.client.target.is_virtual:
-        return [base + driver.client.address for base in OTHER_BASES]
+        return [base + driver.client.address for base in OTHER_BASES] + list(OTHER_GENERAL)
     modules = {codec.REQUEST + module.client.address for module in everybody(driver.session)}
     silent = MEANINGFUL | modules | {codec.LMT_REPLY}
     return [number for number in range(0x800) if number not in silent]
@@ -357,6 +423,154 @@ def module_1_answers_for_itself_only(session: Session) -> None:
             wanted_text = f"standby {wanted} at {driver.client.address}"
             session.expect(seen == wanted, "MACC-GEN-01", wanted_text, seen)
         moving.motion.finish(moving.motion.go_plainly(start))
+
+
+def nobody_unnamed(driver: CanDriver) -> None:
+    """Leave the check if somebody is on the bus whom nobody has named: what is said to all would
+    be said to him as well."""
+    session, client = driver.session, driver.client
+    if client.target.is_builtin:
+        return
+    taken = {session.address, *session.neighbours}
+    others = [address for address in codec.ADDRESSES if address not in taken]
+    for at in range(0, len(others), AT_ONCE):
+        some = others[at : at + AT_ONCE]
+        frames = [client.request(0x20, address=address).frame() for address in some]
+        received = replies(driver, *frames, is_awaited=False)
+        if received:
+            hints = [unknown_module_at(client, address) for address in some]
+            who = next((hint for hint in hints if hint), f"who sends {described(received)}?")
+            session.inconclusive(None, f"what all are told, others may obey: {who}")
+
+
+@check("MACC-GEN-01", "MACC-PERS-01", "MACC-BOOT-01", safety=MOVES)
+def a_setting_for_all_outlasts_a_restart_for_all(session: Session) -> None:
+    """200Ch on 600h is stored; 2000h on 600h ends with a boot-up message, and what is then said to
+    all first is obeyed."""
+    driver = CanDriver(session)
+    nobody_unnamed(driver)
+    for module in everybody(session):
+        module.motion.at_rest()
+    torque, catch_up = TORQUE.other(driver), SETTINGS[0x0E].other(driver)
+
+    def tell(index: int, parameter: int = 0) -> None:
+        replies(driver, driver.client.to_all(index, parameter).frame())
+
+    tell(0x0C, TORQUE.parameter(torque))
+    seen = TORQUE.read(driver)
+    wanted_text = f"torque {torque:02X} after 200Ch to all"
+    session.expect(seen == torque, "MACC-GEN-01", wanted_text, f"{seen:02X}")
+    driver.client.target.take_spontaneous()
+    tell(0x00)
+    boot_up, _ = await_boot_up(driver)
+    names = ("MACC-BOOT-01", "MACC-GEN-01")
+    came = "none" if boot_up is None else boot_up.frame
+    session.expect(boot_up is not None, names, "a boot-up message after 2000h to all", came)
+    driver.motion.wait_awake()
+    tell(0x0E, SETTINGS[0x0E].parameter(catch_up))
+    seen = SETTINGS[0x0E].read(driver)
+    wanted_text = f"catch-up speed {catch_up:02X} after 200Eh to all, the first request"
+    session.expect(seen == catch_up, "MACC-GEN-01", wanted_text, f"{seen:02X}")
+    seen = TORQUE.read(driver)
+    wanted_text = f"torque {torque:02X} as set by 200Ch to all, kept by 2000h"
+    session.expect(seen == torque, ("MACC-PERS-01", "MACC-GEN-01"), wanted_text, f"{seen:02X}")
+
+
+@check("MACC-GEN-01", "MACC-CMD-16-01", "MACC-STATE-01", safety=MOVES)
+def what_all_are_told_follows_the_same_rules(session: Session) -> None:
+    """2010h on 600h holds the next motion back and 2011h starts it; a move locks what 600h carries
+    as well, and segments on 600h are refused by a full FIFO."""
+    driver = CanDriver(session)
+    nobody_unnamed(driver)
+    start = driver.motion.ready(SLOWEST)
+    far = start + driver.limits.way_outlasting(LONG, SLOWEST, 2 * BURST)
+    try:
+        replies(driver, driver.client.to_all(0x10).frame())
+        driver.judge.accepted(0x13, far)
+        wanted_text = f"held at {start} after 2010h to all"
+        is_waiting = is_held(driver, start)
+        session.expect(is_waiting, "MACC-GEN-01", wanted_text, driver.client.position())
+        window = driver.client.broadcast(driver.client.to_all(0x11).frame())
+        begun = AxisExchange(b"", codec.SILENCE, window)
+        forecast = driver.motion.to_position(begun, start, far)
+        _judge_locked_for_all(driver, forecast)
+        driver.motion.finish(forecast, "MACC-GEN-01")
+        driver.motion.at_rest()
+        _judge_burst_for_all(driver)
+    finally:
+        for module in everybody(session):
+            module.motion.at_rest()
+
+
+def _kind_for_all(driver: CanDriver, index: int, parameter: int) -> ReplyKind:
+    """What module 1, if it is there, replies to a command for all."""
+    received = replies(driver, driver.client.to_all(index, parameter).frame())
+    return codec.parse(received[0] if received else None, driver.client.byte_order).kind
+
+
+def _judge_locked_for_all(driver: CanDriver, forecast: Forecast) -> None:
+    """In a move, what is locked is so for what comes on 600h."""
+    end, locked = forecast.end, [0x02]
+    assert end is not None
+    if driver.session.reading("motion_lock_set") == "can_list":
+        locked.append(0x0D)
+    for index in locked:
+        setting = SETTINGS[index]
+        before, value = setting.read(driver), setting.other(driver)
+        kind = _kind_for_all(driver, index, setting.parameter(value))
+        after = setting.read(driver)
+        driver.motion.taken_in_time(driver.client.ask(0x20), end.earliest_ns, "the move")
+        is_told = driver.client.address == codec.SPOKESMAN and kind is not ReplyKind.REFUSED
+        driver.session.expect(
+            after == before and not is_told,
+            ("MACC-STATE-01", "MACC-GEN-01"),
+            f"{driver.client.named(index)} to all refused in a move, {before:02X} kept",
+            f"{kind.value}, {after:02X}",
+        )
+
+
+def _judge_burst_for_all(driver: CanDriver) -> None:
+    """Of five long segments on 600h in a burst the first three are accepted, the last is not."""
+    if driver.client.address != codec.SPOKESMAN:
+        driver.session.not_run("MACC-CMD-16-01", "module 1 alone tells whether it took a segment")
+        return
+    segment = Segment(wait_steps(driver) + LONG, SLOWEST, moves=False)
+    parameter = segment_parameter(segment.steps, segment.period)
+    begun_ns = driver.client.target.now_ns
+    kinds = [_kind_for_all(driver, 0x1E, parameter) for _ in range(BURST)]
+    driver.motion.taken_in_time(
+        driver.client.ask(0x20), begun_ns + segment.duration_ns, "the first segment"
+    )
+    is_right = kinds[:3] == [ReplyKind.ACCEPTED] * 3 and kinds[-1] is ReplyKind.REFUSED
+    driver.session.expect(
+        is_right,
+        ("MACC-CMD-16-01", "MACC-GEN-01"),
+        "three or four segments to all accepted, the fifth refused",
+        ", ".join(kind.value for kind in kinds),
+    )
+
+
+@check("MACC-GEN-02", "MACC-Q-06-01", safety="stored")
+def module_1_answers_all_with_what_it_holds(session: Session) -> None:
+    """Each upload on 600h tells what module 1 tells when it alone is asked."""
+    drivers = {driver.client.address: driver for driver in everybody(session)}
+    if codec.SPOKESMAN not in drivers:
+        session.skip("there is no module 1 on this bus")
+    if session.reading("general_upload") != "answer":
+        session.skip("this device ignores uploads on 600h (MACC-AMB-20)")
+    driver = drivers[codec.SPOKESMAN]
+    for index, parameter in ((0x02, 1), (0x03, 8)):  # two digits of one byte, which differ
+        driver.judge.accepted(index, parameter)
+    for index in PARAMETER_QUERIES:
+        own = driver.client.value(index)
+        received = replies(driver, driver.client.to_all(index).frame())
+        data = codec.parse(received[0], driver.client.byte_order).data if received else None
+        session.expect(
+            len(received) == 1 and data == own,
+            ("MACC-GEN-02", "MACC-Q-06-01") if index == 0x26 else "MACC-GEN-02",
+            f"{driver.client.named(index)} to all tells {own:08X}, as to module 1",
+            described(received),
+        )
 
 
 @check("MACC-GEN-02", safety="stored")
