@@ -222,3 +222,202 @@ def a_reset_for_all_is_acknowledged_and_not_obeyed(patch: MonkeyPatch) -> None:
             module._answer(0x581 if module.address == 1 else None, b"\x60" + data[1:4] + bytes(4))
 
     around(patch, "_general_request", act)
+
+
+# --- for others and for all, in states of their own ----------------------------------------------
+
+
+def _is_for_another(module: MacCan, frame: CanFrame) -> bool:
+    is_plain = not (frame.is_extended or frame.is_remote)
+    address = frame.identifier - REQUEST
+    return is_plain and 0 < address < 0x80 and address != module.address and len(frame.data) == 8
+
+
+def _hears_of_others(patch: MonkeyPatch, index: int, act: Any_) -> None:
+    """Let `act(module, data)` be done at a download of that index to another address."""
+    head = bytes((DOWNLOAD, index, 0x20))
+    hears(
+        patch,
+        lambda module, frame: _is_for_another(module, frame) and frame.data[:3] == head,
+        lambda module, frame: act(module, frame.data),
+    )
+
+
+@can_mutant("MACC-ID-02")
+def a_start_for_another_module_starts_it(patch: MonkeyPatch) -> None:
+    """2011h starts the motion held here whatever address it is for."""
+    _hears_of_others(patch, 0x11, lambda module, data: module._serve(data))
+
+
+@can_mutant("MACC-ID-02", "MACC-CMD-10-01")
+def a_motion_for_another_module_spends_its_arm(patch: MonkeyPatch) -> None:
+    """A 2013h for another address ends what 2010h has begun here."""
+
+    def disarm(module: MacCan, _: bytes) -> None:
+        module.axis._armed = False
+
+    _hears_of_others(patch, 0x13, disarm)
+
+
+@can_mutant("MACC-ID-02")
+def an_arm_for_another_module_arms_it(patch: MonkeyPatch) -> None:
+    """2010h holds the next motion back whatever address it is for."""
+    _hears_of_others(patch, 0x10, lambda module, data: module._serve(data))
+
+
+@can_mutant("MACC-ID-02")
+def a_zero_for_another_module_counts_in_motion(patch: MonkeyPatch) -> None:
+    """200Bh clears the counter of a module in motion whatever address it is for."""
+
+    def clear(module: MacCan, data: bytes) -> None:
+        if module.axis.is_locked(0x13, 0):
+            module._serve(data)
+
+    _hears_of_others(patch, 0x0B, clear)
+
+
+@can_mutant("MACC-ID-02")
+def the_torque_of_the_next_address_is_its_own(patch: MonkeyPatch) -> None:
+    """200Ch for the address above is stored here as well."""
+
+    def takes(module: MacCan, frame: CanFrame) -> bool:
+        is_next = _is_request_to(module, frame, module.address + 1)
+        return is_next and frame.data[:3] == b"\x23\x0c\x20"
+
+    hears(patch, takes, lambda module, frame: module._serve(frame.data))
+
+
+@can_mutant("MACC-ID-02")
+def unknown_commands_for_others_are_refused(patch: MonkeyPatch) -> None:
+    """A command byte that is unknown is refused before the address is looked at."""
+
+    def takes(module: MacCan, frame: CanFrame) -> bool:
+        return _is_for_another(module, frame) and frame.data[0] not in (DOWNLOAD, 0x40)
+
+    def refuse(module: MacCan, frame: CanFrame) -> None:
+        module._answer(OWN_REPLY + module.address, b"\x80" + frame.data[1:4] + bytes(4))
+
+    hears(patch, takes, refuse)
+
+
+@can_mutant("MACC-ID-02")
+def identifier_680h_is_said_to_all(patch: MonkeyPatch) -> None:
+    """Bit 7 of the identifier is not compared: 680h is 600h."""
+    hears(
+        patch,
+        lambda module, frame: _is_request_to(module, frame, 0x80),
+        lambda module, frame: module._general_request(frame.data),
+    )
+
+
+def _for_all(patch: MonkeyPatch, is_meant: Any_, act: Any_) -> None:
+    """Let a download on 600h of which `is_meant(index)` be `act(go, module, data)`."""
+
+    def general(go: Any_, module: MacCan, data: bytes) -> None:
+        if data[:1] == b"\x23" and len(data) == 8 and is_meant(data[1]):
+            act(go, module, data)
+        else:
+            go()
+
+    around(patch, "_general_request", general)
+
+
+@can_mutant("MACC-GEN-01")
+def an_arm_for_all_is_only_acknowledged(patch: MonkeyPatch) -> None:
+    """2010h on 600h gets its reply and holds nothing back."""
+
+    def act(_: Any_, module: MacCan, data: bytes) -> None:
+        reply = b"\x60" + data[1:4] + bytes(4)
+        module._answer(GENERAL_REPLY if module.address == 1 else None, reply)
+
+    _for_all(patch, lambda index: index == 0x10, act)
+
+
+@can_mutant("MACC-GEN-01", "MACC-CMD-16-01")
+def segments_for_all_are_never_refused(patch: MonkeyPatch) -> None:
+    """A segment on 600h is acknowledged though the FIFO is full."""
+    general_replies(
+        patch,
+        lambda module, request, identifier, reply: (
+            identifier,
+            b"\x60" + reply[1:] if request[1] in (0x16, 0x1E) else reply,
+        ),
+    )
+
+
+@can_mutant("MACC-GEN-01", "MACC-STATE-01")
+def what_is_said_to_all_is_not_locked(patch: MonkeyPatch) -> None:
+    """The locks of a motion are looked at in the server of the own identifier only."""
+
+    def act(go: Any_, module: MacCan, data: bytes) -> None:
+        locks = module.axis.is_locked
+        module.axis.is_locked = lambda index, parameters: False  # type: ignore[method-assign]
+        go()
+        module.axis.is_locked = locks  # type: ignore[method-assign]
+
+    _for_all(patch, lambda index: index in (0x02, 0x03, 0x0D, 0x0F), act)
+
+
+@can_mutant("MACC-BOOT-01", "MACC-GEN-01")
+def a_reset_for_all_ends_silently(patch: MonkeyPatch) -> None:
+    """After a 2000h on 600h no boot-up message is sent."""
+    told: set[MacCan] = set()
+
+    def act(go: Any_, module: MacCan, data: bytes) -> None:
+        told.add(module)
+        go()
+
+    def send(go: Any_, module: MacCan, identifier: int, data: bytes, start_ns: int) -> object:
+        if identifier == 0x700 + module.address and module in told:
+            told.discard(module)
+            return None
+        return go(identifier, data, start_ns)
+
+    _for_all(patch, lambda index: index == 0, act)
+    sends(patch, send)
+
+
+@can_mutant("MACC-PERS-01", "MACC-GEN-01")
+def settings_for_all_are_not_stored(patch: MonkeyPatch) -> None:
+    """A parameter on 600h holds up to the next start only."""
+
+    def act(go: Any_, module: MacCan, data: bytes) -> None:
+        stored = dict(module.axis.parameters.stored)
+        go()
+        module.axis.parameters.stored.update(stored)
+
+    _for_all(patch, lambda index: index in (0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F), act)
+
+
+@can_mutant("MACC-GEN-01")
+def nothing_for_all_is_heard_before_a_request(patch: MonkeyPatch) -> None:
+    """After a start 600h is ignored up to the first request to the own identifier."""
+    deaf: set[MacCan] = set()
+
+    def start(go: Any_, module: MacCan, now: int) -> None:
+        deaf.add(module)
+        go()
+
+    def own(go: Any_, module: MacCan, data: bytes) -> None:
+        deaf.discard(module)
+        go()
+
+    def general(go: Any_, module: MacCan, data: bytes) -> None:
+        if module not in deaf:
+            go()
+
+    around(patch, "_booted", start)
+    around(patch, "_own_request", own)
+    around(patch, "_general_request", general)
+
+
+@can_mutant("MACC-Q-06-01", "MACC-GEN-02")
+def the_mode_digits_for_all_are_exchanged(patch: MonkeyPatch) -> None:
+    """In the answer to 2006h on 600h the two digits of the modes have changed places."""
+
+    def change(_: MacCan, request: bytes, identifier: int | None, reply: bytes) -> object:
+        if request[:3] == b"\x40\x06\x20":
+            reply = reply[:6] + bytes((reply[6] << 4 & 0xF0 | reply[6] >> 4,)) + reply[7:]
+        return identifier, reply
+
+    general_replies(patch, change)
