@@ -44,7 +44,7 @@ OTHER_BASES: Final = (
 OTHER_GENERAL: Final = (
     0x180, 0x200, 0x280, 0x300, 0x380, 0x400, 0x480, 0x500, 0x580, 0x680, 0x700, 0x780,
 )  # fmt: skip
-STRANGE_COMMANDS: Final = (0x22, 0x27, 0x2B, 0x2F, 0x60, 0x00)  # neither download nor upload
+STRANGE_COMMANDS: Final = (0x22, 0x60)  # neither download nor upload
 LONG: Final = 100  # increments at the slowest speed: longer than what is sent meanwhile
 BURST: Final = 5  # segments: one more than any module takes
 REMOTE_LENGTHS: Final = (0, 1, 8)
@@ -123,7 +123,7 @@ def _told(driver: CanDriver, *requests: CanRequest) -> None:
         driver.session.expect(
             not received,
             "MACC-ID-02",
-            f"silence to {codec.explain(request.frame())}",
+            f"silence at {request.address} to {request.frame()}",
             described(received),
         )
 
@@ -443,6 +443,13 @@ def nobody_unnamed(driver: CanDriver) -> None:
             session.inconclusive(None, f"what all are told, others may obey: {who}")
 
 
+def _tell_all(driver: CanDriver, index: int, parameter: int = 0) -> ReplyKind:
+    """Send a command to all; what module 1 replies, if there is one: nobody else is waited for."""
+    request = driver.client.to_all(index, parameter)
+    received = replies(driver, request.frame(), is_awaited=_has_spokesman(driver.session))
+    return codec.parse(received[0] if received else None, driver.client.byte_order).kind
+
+
 @check("MACC-GEN-01", "MACC-PERS-01", "MACC-BOOT-01", safety=MOVES)
 def a_setting_for_all_outlasts_a_restart_for_all(session: Session) -> None:
     """200Ch on 600h is stored; 2000h on 600h ends with a boot-up message, and what is then said to
@@ -453,21 +460,18 @@ def a_setting_for_all_outlasts_a_restart_for_all(session: Session) -> None:
         module.motion.at_rest()
     torque, catch_up = TORQUE.other(driver), SETTINGS[0x0E].other(driver)
 
-    def tell(index: int, parameter: int = 0) -> None:
-        replies(driver, driver.client.to_all(index, parameter).frame())
-
-    tell(0x0C, TORQUE.parameter(torque))
+    _tell_all(driver, 0x0C, TORQUE.parameter(torque))
     seen = TORQUE.read(driver)
     wanted_text = f"torque {torque:02X} after 200Ch to all"
     session.expect(seen == torque, "MACC-GEN-01", wanted_text, f"{seen:02X}")
     driver.client.target.take_spontaneous()
-    tell(0x00)
+    _tell_all(driver, 0x00)
     boot_up, _ = await_boot_up(driver)
     names = ("MACC-BOOT-01", "MACC-GEN-01")
     came = "none" if boot_up is None else boot_up.frame
     session.expect(boot_up is not None, names, "a boot-up message after 2000h to all", came)
     driver.motion.wait_awake()
-    tell(0x0E, SETTINGS[0x0E].parameter(catch_up))
+    _tell_all(driver, 0x0E, SETTINGS[0x0E].parameter(catch_up))
     seen = SETTINGS[0x0E].read(driver)
     wanted_text = f"catch-up speed {catch_up:02X} after 200Eh to all, the first request"
     session.expect(seen == catch_up, "MACC-GEN-01", wanted_text, f"{seen:02X}")
@@ -485,7 +489,7 @@ def what_all_are_told_follows_the_same_rules(session: Session) -> None:
     start = driver.motion.ready(SLOWEST)
     far = start + driver.limits.way_outlasting(LONG, SLOWEST, 2 * BURST)
     try:
-        replies(driver, driver.client.to_all(0x10).frame())
+        _tell_all(driver, 0x10)
         driver.judge.accepted(0x13, far)
         wanted_text = f"held at {start} after 2010h to all"
         is_waiting = is_held(driver, start)
@@ -502,12 +506,6 @@ def what_all_are_told_follows_the_same_rules(session: Session) -> None:
             module.motion.at_rest()
 
 
-def _kind_for_all(driver: CanDriver, index: int, parameter: int) -> ReplyKind:
-    """What module 1, if it is there, replies to a command for all."""
-    received = replies(driver, driver.client.to_all(index, parameter).frame())
-    return codec.parse(received[0] if received else None, driver.client.byte_order).kind
-
-
 def _judge_locked_for_all(driver: CanDriver, forecast: Forecast) -> None:
     """In a move, what is locked is so for what comes on 600h."""
     end, locked = forecast.end, [0x02]
@@ -517,7 +515,7 @@ def _judge_locked_for_all(driver: CanDriver, forecast: Forecast) -> None:
     for index in locked:
         setting = SETTINGS[index]
         before, value = setting.read(driver), setting.other(driver)
-        kind = _kind_for_all(driver, index, setting.parameter(value))
+        kind = _tell_all(driver, index, setting.parameter(value))
         after = setting.read(driver)
         driver.motion.taken_in_time(driver.client.ask(0x20), end.earliest_ns, "the move")
         is_told = driver.client.address == codec.SPOKESMAN and kind is not ReplyKind.REFUSED
@@ -537,7 +535,7 @@ def _judge_burst_for_all(driver: CanDriver) -> None:
     segment = Segment(wait_steps(driver) + LONG, SLOWEST, moves=False)
     parameter = segment_parameter(segment.steps, segment.period)
     begun_ns = driver.client.target.now_ns
-    kinds = [_kind_for_all(driver, 0x1E, parameter) for _ in range(BURST)]
+    kinds = [_tell_all(driver, 0x1E, parameter) for _ in range(BURST)]
     driver.motion.taken_in_time(
         driver.client.ask(0x20), begun_ns + segment.duration_ns, "the first segment"
     )
