@@ -32,6 +32,9 @@ CAN = {
     "requests_to_other_addresses_get_no_reply": 2,
     "downloads_to_other_addresses_do_nothing": 0x33,
     "no_other_identifier_reaches_a_module": 2,
+    "what_others_are_told_neither_starts_nor_disarms_it": 0x33,
+    "a_setting_for_all_outlasts_a_restart_for_all": 0x45,
+    "what_all_are_told_follows_the_same_rules": 0x45,
 }
 Change = Callable[[Any], None]
 
