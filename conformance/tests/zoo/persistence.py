@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.axis.parameters import Parameters
-from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
+from zoo.mutant import Any_, MonkeyPatch, State, mutant, on, wrap
 
 
 def _volatile(patch: MonkeyPatch, *names: str) -> None:
@@ -42,6 +42,22 @@ def the_torque_limit_is_not_stored(patch: MonkeyPatch) -> None:
 def the_stops_are_not_stored(patch: MonkeyPatch) -> None:
     """09h and 0Ah are forgotten over power-off."""
     _volatile(patch, "superior_stop", "inferior_stop")
+
+
+@mutant("MACS-PERS-01")
+def what_is_set_amid_segments_is_not_stored(patch: MonkeyPatch) -> None:
+    """0Ch, 0Eh and 1Ch are forgotten over a restart if segments ran when they came."""
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        stored = dict(axis.parameters.stored)
+        was_running = axis.drive.kind is State.IN
+        is_taken = bool(go())
+        if was_running:
+            for name in ("torque", "catchup", "tolerance"):
+                axis.parameters.store(name, stored[name])
+        return is_taken
+
+    on(patch, (0x0C, 0x0E, 0x1C), act)
 
 
 @mutant("MACS-PERS-02", traps=(38,))

@@ -79,6 +79,22 @@ def the_boot_up_message_comes_twice(patch: MonkeyPatch) -> None:
 
 
 @can_mutant("MACC-BOOT-01")
+def a_restart_in_motion_ends_silently(patch: MonkeyPatch) -> None:
+    """A module that 2000h has found moving is there again without a word."""
+
+    def act(send: Any_, module: Any, identifier: int, data: bytes, now: int) -> Any:
+        module.was_moving, was = False, getattr(module, "was_moving", False)
+        return None if was else send(identifier, data, now)
+
+    def note(go: Any_, module: Any, *arguments: Any) -> Any:
+        module.was_moving = module.axis.drive.kind is not None
+        return go()
+
+    _boot_ups(patch, act)
+    around(patch, "_restart", note)
+
+
+@can_mutant("MACC-BOOT-01")
 def it_starts_once_more(patch: MonkeyPatch) -> None:
     """Its watchdog is fed too late: half a second after a restart it starts anew, once."""
 

@@ -71,6 +71,61 @@ def a_new_address_is_not_stored(patch: MonkeyPatch) -> None:
     _leaving(patch, act)
 
 
+@can_mutant("MACC-LMT-03", "MACC-LMT-09")
+def the_service_17h_stores_the_address(patch: MonkeyPatch) -> None:
+    """What was given is stored by 17h as well, and holds after the next start."""
+
+    def act(go: Any_, module: MacCan, command: int, value: int) -> None:
+        go()
+        if command == STORE and module._configures and module._given_address is not None:
+            module.axis.parameters.store("address", module._given_address)
+
+    _lmt(patch, act)
+
+
+@can_mutant("MACC-PERS-02")
+def a_new_address_overwrites_the_tolerance(patch: MonkeyPatch) -> None:
+    """The cell of the tolerance gets the address too."""
+
+    def act(go: Any_, module: MacCan) -> None:
+        given = module._given_address
+        if given is not None:
+            module.axis.parameters.store("tolerance", given)
+        go()
+
+    _leaving(patch, act)
+
+
+@can_mutant("MACC-Q-00-01")
+def a_new_address_clears_the_position(patch: MonkeyPatch) -> None:
+    """The procedure leaves the module as it comes from the factory: at 0."""
+
+    def act(go: Any_, module: MacCan) -> None:
+        if module._given_address is not None:
+            module.axis.drive.zero(module._now, keeps_remaining=False)
+        go()
+
+    _leaving(patch, act)
+
+
+@can_mutant("MACC-BOOT-01", traps=(19,))
+def a_new_address_is_announced_twice(patch: MonkeyPatch) -> None:
+    """Half a second after the boot-up message that ends the procedure another one comes."""
+
+    def act(go: Any_, module: Any) -> None:
+        module.is_given = module._given_address is not None
+        go()
+
+    def sending(send: Any_, module: Any, identifier: int, data: bytes, now: int) -> Any:
+        if BOOT_UP < identifier < 0x780 and getattr(module, "is_given", False):
+            module.is_given = False
+            send(identifier, data, now + S // 2)
+        return send(identifier, data, now)
+
+    _leaving(patch, act)
+    sends(patch, sending)
+
+
 @can_mutant("MACC-LMT-01")
 def a_new_address_waits_for_the_next_power_up(patch: MonkeyPatch) -> None:
     """The procedure stores the address and changes nothing yet."""

@@ -98,6 +98,30 @@ def sync_starts_moves_only(patch: MonkeyPatch) -> None:
 
 
 @can_mutant("MACC-SYNC-03")
+def sync_turns_endless_motions_up(patch: MonkeyPatch) -> None:
+    """A preloaded 2015h goes clockwise when SYNC starts it, whatever its SS."""
+
+    def act(go: Any_, module: MacCan, data: bytes) -> None:
+        held = module.axis._preload
+        if held is not None and held[0] == 0x15:
+            module.axis._preload = (0x15, held[1] & 0xFFFF)
+        go()
+
+    around(patch, "_sync", act)
+
+
+@can_mutant("MACC-SYNC-03")
+def sync_counts_at_rest_only(patch: MonkeyPatch) -> None:
+    """A speed that is preloaded in motion waits for 2011h."""
+
+    def act(go: Any_, module: MacCan, data: bytes) -> None:
+        if module.axis.drive.kind is None:
+            go()
+
+    around(patch, "_sync", act)
+
+
+@can_mutant("MACC-SYNC-03")
 def only_sync_starts_what_is_preloaded(patch: MonkeyPatch) -> None:
     """2011h is accepted and starts nothing."""
     on(patch, 0x11, lambda go, axis, now, n: True)

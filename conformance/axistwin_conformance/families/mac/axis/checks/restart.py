@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.families.mac.axis.driver.driver import driver_of
+from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import (
     RAMP_LEVELS,
@@ -14,7 +15,7 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
     Course,
     ramp_increments,
 )
-from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES
+from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES, PARAMETERS
 from axistwin_conformance.families.mac.axis.probes.motion import cleared_in_a_move
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
@@ -73,12 +74,13 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
     )
 
 
-@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES, level="full")
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", "MACS-PERS-01", safety=MOVES, level="full")
 def in_motion_00h_drops_the_motion(session: Session) -> None:
-    """00h during a move or segments: the axis stands, nothing resumes or is locked."""
+    """00h during a move or segments: the axis stands, nothing resumes or is locked; what was set
+    amid segments is kept."""
     driver = driver_of(session)
-    # Four exchanges after the first command, and a wait, the module has surely taken 00h over.
-    most = 60 + driver.limits.steps_outlasting(SLOWEST, 4)
+    # Six exchanges after the first command, and a wait, the module has surely taken 00h over.
+    most = 60 + driver.limits.steps_outlasting(SLOWEST, 6)
     driver.limits.needs_room(2 * most, "a motion that 00h comes in time for")
     for begin in ((0x13, 2 * most), (0x16, segment_parameter(most, SLOWEST))):
         start = driver.motion.ready(SLOWEST)
@@ -86,6 +88,7 @@ def in_motion_00h_drops_the_motion(session: Session) -> None:
         sent = start + parameter if index == 0x13 else parameter
         first = driver.client.command(index, sent).taken
         driver.client.command(index, sent)
+        own = _set_meanwhile(driver) if index == 0x16 else None
         driver.client.wait(0.2)
         driver.client.command(0x10)  # it would hold the next motion back
         taken = driver.motion.reinitialise().taken
@@ -105,8 +108,29 @@ def in_motion_00h_drops_the_motion(session: Session) -> None:
             f"at rest at {place}",
             driver.client.position(),
         )
+        if own is not None:
+            _judge_kept(driver, own)
         driver.judge.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
         driver.motion.finish(driver.motion.go(start), "MACS-CMD-00-01")
+
+
+def _set_meanwhile(driver: AxisDriver) -> int | None:
+    """Set, in motion, the catch-up speed to a value one off; the value before, if it was taken."""
+    own, catch_up = driver.client.parameter(0x0E), PARAMETERS[0x0E]
+    kind = driver.client.command(0x0E, catch_up.parameter(_one_off(own))).kind
+    return own if kind is ReplyKind.ACCEPTED else None
+
+
+def _judge_kept(driver: AxisDriver, own: int) -> None:
+    """Judge that the catch-up speed set in motion was stored, and put the one before back."""
+    wanted, kept = _one_off(own), driver.client.parameter(0x0E)
+    words = f"{driver.client.named(0x0E)} {wanted:02X}, set in motion, kept"
+    driver.session.expect(kept == wanted, "MACS-PERS-01", words, f"{kept:02X}")
+    driver.client.command(0x0E, PARAMETERS[0x0E].parameter(own))
+
+
+def _one_off(value: int) -> int:
+    return value - 1 if value > 1 else value + 1
 
 
 @check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=MOVES, level="full")

@@ -23,7 +23,13 @@ from axistwin_conformance.families.mac.can.boot_up import (
     judge_time,
     restart,
 )
-from axistwin_conformance.families.mac.can.checks.messages import beat, is_free, judge_due, silenced
+from axistwin_conformance.families.mac.can.checks.messages import (
+    AFTERWARDS_S,
+    beat,
+    is_free,
+    judge_due,
+    silenced,
+)
 from axistwin_conformance.families.mac.can.collect_replies import described, replies, slack_ns
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.destructive import (
@@ -185,7 +191,7 @@ def _judge_steps(driver: CanDriver, new: int) -> None:
     )
     assert boot_up is not None
     session.expect(not before, "MACC-BOOT-01", "nothing before it", described_all(before))
-    again, as_old = driver.client.boot_up(0, new), driver.client.boot_up(0, old)
+    again, as_old = driver.client.boot_up(AFTERWARDS_S, new), driver.client.boot_up(0, old)
     session.expect(again is None, "MACC-BOOT-01", "one boot-up message", "two")
     session.expect(as_old is None, "MACC-BOOT-03", f"none as {old}", "one")
     judge_form(driver, boot_up)

@@ -16,9 +16,11 @@ from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import Observation
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
+from axistwin_conformance.families.mac.axis.probes.sync import is_held
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.boot_up import (
@@ -61,6 +63,7 @@ TRAFFIC_S: Final = 1.0  # between frames that are not for this module
 LONG_SEGMENT: Final = segment_parameter(
     1465, 0xFFFF
 )  # 12 s: a lifebeat comes in it, and one after it
+STORED_STEPS: Final = 20  # of a segment behind that one
 SELDOM_S: Final = 30.0  # a module that says nothing after ten seconds says nothing in these either
 AFTERWARDS_S: Final = 3.0  # what is said twice is said again by then
 EDGE_S: Final = 0.02  # before the boot-up message, where a request must be lost
@@ -153,9 +156,10 @@ def a_reset_for_all_restarts_all(session: Session) -> None:
         driver.judge.alive("MACC-GEN-01")
 
 
-@check("MACC-BOOT-04", safety=MOVES)
+@check("MACC-BOOT-04", "MACC-BOOT-01", safety=MOVES)
 def the_boot_up_message_comes_two_seconds_after_the_reset(session: Session) -> None:
-    """Three restarts take 2 s each, to the frame; or what this device was found to take."""
+    """Three restarts take 2 s each, to the frame; or what this device was found to take.  It comes
+    after a restart amid a move, too."""
     driver = CanDriver(session)
     driver.motion.ready()
     for _ in range(3):
@@ -164,6 +168,11 @@ def the_boot_up_message_comes_two_seconds_after_the_reset(session: Session) -> N
             session.fail(None, "a boot-up message", "none")
         judge_time(driver, restarted.since, restarted.boot_up, "MACC-BOOT-04")
         driver.judge.alive()
+    start = driver.motion.ready(SLOWEST)
+    driver.motion.go(start + driver.limits.way_outlasting(60, SLOWEST, 4))
+    is_told = restart(driver).boot_up is not None
+    wanted = "a boot-up message after 2000h in motion"
+    session.expect(is_told, "MACC-BOOT-01", wanted, "none")
 
 
 @check("MACC-BOOT-04", "MACC-CMD-00-01", safety=MOVES)
@@ -359,6 +368,18 @@ def _late_seen(driver: CanDriver, late: Arrival | None, came: str) -> Observatio
     )
 
 
+def messages_amid(driver: CanDriver, own: TimeWindow, *traffic: Frame) -> list[Arrival]:
+    """What it says up to ten seconds after an own request, one of these frames each second."""
+    over_ns = own.latest_ns + LIFEBEAT_NS + 2 * slack_ns(driver, LIFEBEAT_NS)
+    messages: list[Arrival] = []
+    frames = cycle(traffic)
+    while (left_s := (over_ns - driver.client.target.now_ns) / 1e9) > 0:
+        if left_s > TRAFFIC_S:
+            driver.client.target.send(next(frames))
+        messages += spontaneous_messages(driver, min(TRAFFIC_S, left_s))
+    return messages
+
+
 def _restarted_by(
     driver: CanDriver, own: TimeWindow, messages: Sequence[Arrival], *, is_for_all: bool
 ) -> int | tuple[int, ...] | str:
@@ -412,15 +433,18 @@ def requests_to_it_put_the_lifebeat_off(session: Session) -> None:
         judge_due(driver, taken_over(driver, own), message, "MACC-EMCY-05")
 
 
-@check("MACC-EMCY-01", "MACC-EMCY-05", safety=MOVES)
+@check("MACC-EMCY-01", "MACC-EMCY-05", "MACC-CMD-16-01", safety=MOVES)
 def a_lifebeat_comes_amid_a_motion_as_well(session: Session) -> None:
     """Ten seconds after the last request it speaks though a segment lasts; the end of that does not
-    put the next lifebeat off."""
+    put the next lifebeat off, and the segment stored behind it is done."""
     driver = CanDriver(session)
     if silenced(driver) or is_free(driver):
         session.skip("it sends no such message, or sends it in any case")
-    driver.motion.ready()
-    own = driver.judge.accepted(0x1E, LONG_SEGMENT)
+    start = driver.motion.ready()
+    driver.judge.accepted(0x1E, LONG_SEGMENT)
+    own = driver.judge.accepted(
+        0x16, segment_parameter(STORED_STEPS, driver.limits.slowed(SLOWEST))
+    )
     driver.client.target.take_spontaneous()
     message = beat(driver)
     if message is None:
@@ -432,6 +456,8 @@ def a_lifebeat_comes_amid_a_motion_as_well(session: Session) -> None:
         session.fail(names, "another one ten seconds later", "none")
     since = TimeWindow(message.time_ns, message.time_ns)
     judge_due(driver, since, following, "MACC-EMCY-05", "the lifebeat before")
+    place, wanted_place = driver.client.position(), start + STORED_STEPS
+    session.expect(place == wanted_place, "MACC-CMD-16-01", f"position {wanted_place}", place)
     driver.motion.at_rest()
 
 
@@ -476,12 +502,7 @@ def what_is_not_for_it_does_not_put_the_lifebeat_off(session: Session) -> None:
     for frame, is_for_all in traffic if session.transport.is_virtual else traffic[:2]:
         own = driver.client.ask(0x20).taken
         driver.client.target.take_spontaneous()
-        over_ns = own.latest_ns + LIFEBEAT_NS + 2 * slack_ns(driver, LIFEBEAT_NS)
-        messages: list[Arrival] = []
-        while (left_s := (over_ns - driver.client.target.now_ns) / 1e9) > 0:
-            if left_s > TRAFFIC_S:
-                driver.client.target.send(frame)
-            messages += spontaneous_messages(driver, min(TRAFFIC_S, left_s))
+        messages = messages_amid(driver, own, frame)
         outcome = _restarted_by(driver, own, messages, is_for_all=is_for_all)
         if isinstance(outcome, str):
             outcome = f"{outcome}, amid {codec.explain(frame)}"
@@ -505,10 +526,19 @@ def the_boot_up_message_begins_the_ten_seconds(session: Session) -> None:
     judge_due(driver, since, message, "MACC-EMCY-05", "the boot-up message")
 
 
-@check("MACC-EMCY-03", "MACC-EMCY-04", "MACC-EMCY-02", safety=MOVES)
+@check(
+    "MACC-EMCY-03",
+    "MACC-EMCY-04",
+    "MACC-EMCY-02",
+    "MACC-EMCY-01",
+    "MACC-Q-01-01",
+    "MACC-CMD-10-01",
+    safety=MOVES,
+)
 def the_lifebeat_repeats_the_status(session: Session) -> None:
     """With a software stop tripped, the lifebeat shows it as 2001h does, with error code 0; the
-    stop itself is no error and is not told at once."""
+    stop itself is no error and is not told at once.  The motor is off meanwhile, and the module
+    armed: the lifebeat comes, and leaves stop bits and arm as they are."""
     driver = CanDriver(session)
     if silenced(driver):
         session.skip("it sends no such message")
@@ -519,15 +549,31 @@ def the_lifebeat_repeats_the_status(session: Session) -> None:
         driver.judge.must(ReplyKind.ANSWER, own)
         status = own.reply.data.to_bytes(4, "big")
         session.step(status[1] != 0, "2001h shows the stop", status.hex(" "))
+        for index in (0x1A, 0x10):
+            driver.judge.accepted(index)
+        status = bytes(driver.client.data_bytes(0x21))
         message = beat(driver)
+        _judge_left_alone(driver, status)
     if not is_free(driver):
         _judge_trigger(driver, at_once)
-    if message is None:
-        session.fail(("MACC-EMCY-03", "MACC-EMCY-04"), "a lifebeat", "none")
+    session.expect(message is not None, "MACC-EMCY-01", "a lifebeat, the motor off", "none")
+    assert message is not None
     judge_payload(driver, message, status, "MACC-EMCY-03")
     judge_payload(driver, message, status, "MACC-EMCY-04")
     if is_free(driver):
         session.not_run("MACC-EMCY-02", "what comes at once may be a lifebeat")
+
+
+def _judge_left_alone(driver: CanDriver, status: bytes) -> None:
+    """Judge that 2001h reads what it did before a silence, and a move is held back as it was."""
+    now = bytes(driver.client.data_bytes(0x21))
+    driver.session.expect(now == status, "MACC-Q-01-01", status.hex(" "), now.hex(" "))
+    place = driver.client.position()
+    driver.judge.accepted(0x13, place - STORED_STEPS)
+    wanted = f"held at {place}"
+    driver.session.expect(
+        is_held(driver, place), "MACC-CMD-10-01", wanted, driver.client.position()
+    )
 
 
 def _judge_trigger(driver: CanDriver, at_once: Sequence[Arrival]) -> None:

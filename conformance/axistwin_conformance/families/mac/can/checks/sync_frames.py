@@ -7,6 +7,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
+from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
@@ -76,23 +77,55 @@ def sync_starts_velocity_and_homing_too(session: Session) -> None:
     """2015h and 2014h held back by 2010h begin with the frame 080h as well."""
     driver = CanDriver(session)
     names = ("MACC-SYNC-01", "MACC-SYNC-03")
-    start = driver.motion.ready(PERIOD)
-    period = driver.limits.gentle(0x2000, 1.0)
-    preload(driver, 0x15, velocity(1, period))
-    session.expect(is_held(driver, start), "MACC-SYNC-01", f"at {start}", driver.client.position())
-    exchange = started(driver, codec.sync())
-    forecast = driver.motion.to_velocity(exchange, start, 1, period)
-    for _ in range(4):
-        driver.client.wait(0.05)
-        driver.motion.follow(forecast, names, driver.limits.allowance(period))
-    driver.motion.at_rest()
-    driver.motion.finish(driver.motion.go_plainly(start))
+    for direction in (1, -1):
+        start = driver.motion.ready(PERIOD)
+        period = driver.limits.gentle(0x2000, 1.0)
+        preload(driver, 0x15, velocity(direction, period))
+        place = f"at {start}"
+        session.expect(is_held(driver, start), "MACC-SYNC-01", place, driver.client.position())
+        exchange = started(driver, codec.sync())
+        forecast = driver.motion.to_velocity(exchange, start, direction, period)
+        for _ in range(4):
+            driver.client.wait(0.05)
+            driver.motion.follow(forecast, names, driver.limits.allowance(period))
+        driver.motion.at_rest()
+        driver.motion.finish(driver.motion.go_plainly(start))
     if abs(start) > driver.limits.room():
         return
-    place = driver.motion.finish(driver.motion.go(start + STEPS if start >= 0 else start - STEPS))
+    end = driver.motion.finish(driver.motion.go(start + STEPS if start >= 0 else start - STEPS))
     preload(driver, 0x14)
     exchange = started(driver, codec.sync())
-    driver.motion.watch(driver.motion.to_position(exchange, place, 0), names)
+    driver.motion.watch(driver.motion.to_position(exchange, end, 0), names)
+
+
+@check("MACC-SYNC-03", safety=MOVES, level="full")
+def in_motion_sync_does_what_2011h_does(session: Session) -> None:
+    """A speed preloaded in an endless motion is taken over on SYNC, if it is on 2011h."""
+    driver = CanDriver(session)
+    period = driver.limits.gentle(0x2000, 2.0)
+    if 2 * period > SLOWEST:
+        session.skip("the envelope leaves no two speeds that can be told apart")
+    if not _is_taken_over(driver, period, "2011h"):
+        session.skip("2011h in motion does not take a speed over on this device")
+    is_taken = _is_taken_over(driver, period, "SYNC")
+    session.expect(is_taken, None, "the preloaded speed from SYNC on", "the speed before")
+
+
+def _is_taken_over(driver: CanDriver, period: int, begin: str) -> bool:
+    """Whether a speed preloaded in motion is that of the axis from then on; on SYNC, whether the
+    axis goes on otherwise than before."""
+    driver.motion.ready(PERIOD)
+    slow = min(SLOWEST, 4 * period)
+    forecast = driver.motion.turn(1, slow)
+    driver.client.command(0x10)
+    driver.client.command(0x15, velocity(1, period))
+    by_frame = begin == "SYNC"
+    exchange = started(driver, codec.sync()) if by_frame else driver.client.command(0x11)
+    samples = driver.motion.sampled(0.4, 6)
+    driver.motion.disarm()
+    changed = forecast.changed(exchange.taken, period)
+    fitting = driver.motion.fit(samples, (forecast, changed))
+    return 0 not in fitting if by_frame else fitting == [1]
 
 
 @check("MACC-SYNC-01", safety=MOVES)
