@@ -333,3 +333,70 @@ def busy_begins_with_the_first_increment(patch: MonkeyPatch) -> None:
 
     wrap(patch, Drive, "go_to", make_go)
     wrap(patch, Drive, "is_busy", make_busy)
+
+
+# --- in motion, and between 10h and 11h ----------------------------------------------------------
+
+
+@mutant("MACS-CMD-19-01")
+def power_drops_what_10h_has_begun(patch: MonkeyPatch) -> None:
+    """19h disarms, and forgets the motion that is preloaded."""
+
+    def act(go: Any_, axis: Axis, _: int, __: int) -> bool:
+        axis._armed, axis._preload = False, None
+        return bool(go())
+
+    on(patch, 0x19, act)
+
+
+@mutant("MACS-CMD-1C-01")
+def a_tolerance_on_the_way_ends_the_move(patch: MonkeyPatch) -> None:
+    """1Ch during a move that has no more to go than its value stops the axis there."""
+
+    def act(go: Any_, axis: Axis, now: int, _: int) -> bool:
+        accepted = bool(go())
+        target = target_of(axis.drive) if axis.drive.kind is State.PO else None
+        left = None if target is None else abs(target - axis.counter_at(now))
+        if left is not None and left <= axis.values["tolerance"]:
+            axis.drive.hard_stop(now, keeps_segments=False)
+        return accepted
+
+    on(patch, 0x1C, act)
+
+
+@mutant("MACS-CMD-0C-03")
+def in_motion_the_torque_limit_is_lowered_only(patch: MonkeyPatch) -> None:
+    """0Ch in motion is refused if it asks for more than there is."""
+
+    def act(go: Any_, axis: Axis, _: int, number: int) -> bool:
+        is_more = number & 0xFF > axis.values["torque"]
+        return not (is_more and axis.drive.kind is not None) and bool(go())
+
+    on(patch, 0x0C, act)
+
+
+@mutant("MACS-STATE-01")
+def an_arm_in_motion_lifts_the_lock(patch: MonkeyPatch) -> None:
+    """After 10h in motion the parameters are free."""
+
+    def make(is_locked: Any_) -> Any_:
+        def locked(axis: Axis, index: int, number: int) -> bool:
+            is_free = axis._armed and axis.drive.kind is not None and index < 0x10
+            return bool(is_locked(axis, index, number)) and not is_free
+
+        return locked
+
+    wrap(patch, Axis, "is_locked", make)
+
+
+@mutant("MACS-REPLY-05")
+def a_refused_stop_is_in_force_after_a_restart(patch: MonkeyPatch) -> None:
+    """0Ah refused in motion is stored, and read at the next start."""
+
+    def act(go: Any_, axis: Axis, _: int, number: int) -> bool:
+        accepted = bool(go())
+        if not accepted:
+            axis.parameters.store("inferior_stop", _signed(number))
+        return accepted
+
+    on(patch, 0x0A, act)

@@ -6,10 +6,10 @@ the axis are planted once, there; here they are judged over the bus (`zoo_can.ax
 
 from zoo.mutant import Mutant
 
-from zoo_can import identifiers, messages, procedure, silence, sync, transfers
+from zoo_can import identifiers, messages, procedure, silence, sync, transfers, undisturbed
 from zoo_can.axis import axis_mutants
 
-FAMILIES = (identifiers, transfers, messages, silence, sync, procedure)
+FAMILIES = (identifiers, transfers, undisturbed, messages, silence, sync, procedure)
 
 OWN: tuple[Mutant, ...] = tuple(
     one for family in FAMILIES for one in vars(family).values() if isinstance(one, Mutant)

@@ -26,6 +26,7 @@ from axistwin_conformance.families.mac.axis.model.acceptance import (
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
+from axistwin_conformance.families.mac.axis.probes.sync import back
 
 ORDER = 110  # of this module in a run; see `Family.modules`
 
@@ -303,6 +304,32 @@ def torque_catch_up_and_tolerance_are_free_in_motion(session: Session) -> None:
         _written_in_motion(driver_of(session), index, name)
     for name, what in PARTLY.items():
         session.info(name, what)
+    _torque_up_and_down_in_motion(driver_of(session))
+    _tolerance_on_the_way(driver_of(session))
+
+
+def _torque_up_and_down_in_motion(driver: AxisDriver) -> None:
+    """In each kind of motion the torque limit may be lowered, and raised again."""
+    for state in RUNNING:
+        start = driver.motion.ready(_slowly(driver))
+        own = driver.client.parameter(0x0C)
+        ENTER[state](driver, start)
+        for value in (own - 1 if own else 1, own):
+            exchange = driver.client.command(0x0C, PARAMETERS[0x0C].parameter(value))
+            if exchange.kind is not ReplyKind.ACCEPTED:
+                driver.judge.must(ReplyKind.ACCEPTED, exchange, "MACS-CMD-0C-03")
+        driver.motion.at_rest()
+
+
+def _tolerance_on_the_way(driver: AxisDriver) -> None:
+    """A tolerance above the way that is left does not end the move: it goes on to its target."""
+    start = driver.motion.ready(_slowly(driver))
+    way = driver.limits.way_outlasting(LONG_STEPS // 2, driver.motion.period, 6)
+    forecast = driver.motion.go(start + way)
+    if driver.client.command(0x1C, 0xFF).kind is ReplyKind.ACCEPTED:
+        driver.motion.watch(forecast, "MACS-CMD-1C-01", samples=2)
+        driver.client.command(0x1C, 0)
+    driver.motion.at_rest()
 
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-02", safety=("motion", "stored"), level="full")
@@ -335,7 +362,27 @@ def unassigned_indices_are_refused_in_every_state(session: Session) -> None:
 @check("MACS-Q-XX-01", safety=("motion", "stored"), level="full")
 def queries_are_answered_in_every_state(session: Session) -> None:
     """Every query that means something is answered in every state."""
-    walk(session, *driver_of(session).client.face.answered)
+    driver = driver_of(session)
+    walk(session, *driver.client.face.answered)
+    for enter in (_move_back, _turn_back, _interpolate_back):
+        enter(driver, driver.motion.ready(_slowly(driver)))
+        for index in driver.client.face.answered:
+            driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index))
+        driver.motion.at_rest()
+
+
+def _move_back(driver: AxisDriver, start: int) -> None:
+    way = driver.limits.way_outlasting(LONG_STEPS, driver.motion.period, MOST_LOCKED)
+    driver.judge.accepted(0x13, start - way)
+
+
+def _turn_back(driver: AxisDriver, start: int) -> None:
+    driver.judge.accepted(0x15, velocity(-1, driver.motion.period))
+
+
+def _interpolate_back(driver: AxisDriver, start: int) -> None:
+    steps = back(driver, LONG_STEPS)
+    driver.judge.accepted(0x16, segment_parameter(steps, driver.motion.period))
 
 
 @check("MACS-REPLY-05", "MACS-CMD-13-02", safety=("motion", "stored"), level="full")
@@ -344,6 +391,8 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
     the motion goes on, and nothing of it is done when the axis has come to rest."""
     driver = driver_of(session)
     names = ("MACS-REPLY-05", "MACS-CMD-13-02")
+    _unassigned_on_the_way(driver)
+    stored = _after_a_restart(driver)
     for state in RUNNING:
         start = driver.motion.ready(_slowly(driver))
         before = driver.client.parameters()
@@ -353,13 +402,7 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
                 return  # the checks of the lock judge that
         driver.motion.follow(forecast, names, driver.limits.allowance(driver.motion.period))
         after = driver.client.parameters()
-        wrong = [index for index in before if after[index] != before[index]]
-        session.expect(
-            not wrong,
-            "MACS-REPLY-05",
-            [f"{driver.client.named(index)} still {before[index]:X}h" for index in wrong],
-            [f"{after[index]:X}h" for index in wrong],
-        )
+        _judge_as_before(driver, before, after)
         if state == "VE":
             driver.judge.accepted(0x17)
             driver.motion.run_out()
@@ -370,6 +413,39 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
         driver.client.wait(RESUMES_S)
         again = driver.client.position()
         session.expect(again == place, names, f"at rest at {place}", again)
+    _judge_as_before(driver, stored, _after_a_restart(driver))
+
+
+def _judge_as_before(
+    driver: AxisDriver, before: Mapping[int, int], after: Mapping[int, int]
+) -> None:
+    wrong = [index for index in before if after[index] != before[index]]
+    driver.session.expect(
+        not wrong,
+        "MACS-REPLY-05",
+        [f"{driver.client.named(index)} still {before[index]:X}h" for index in wrong],
+        [f"{after[index]:X}h" for index in wrong],
+    )
+
+
+def _after_a_restart(driver: AxisDriver) -> dict[int, int]:
+    """The parameters with which the module starts up again, set as for a motion before."""
+    driver.motion.ready(_slowly(driver))
+    driver.motion.reinitialise()
+    return driver.client.parameters()
+
+
+def _unassigned_on_the_way(driver: AxisDriver) -> None:
+    """Whatever a device says to commands that are not assigned, a move goes on as it was."""
+    start = driver.motion.ready(_slowly(driver))
+    table, period = driver.client.face.acceptance, driver.motion.period
+    unassigned = [index for index in range(0x20) if table[index].cells == "RRRRRRRR"]
+    way = driver.limits.way_outlasting(LONG_STEPS, period, 2 * len(unassigned) + 2)
+    forecast = driver.motion.go(start + way)
+    for index in unassigned:
+        driver.client.command(index)
+        driver.motion.follow(forecast, "MACS-REPLY-05", driver.limits.allowance(period))
+    driver.motion.watch(forecast, "MACS-REPLY-05", samples=2)
 
 
 def _begun(driver: AxisDriver, state: str, start: int) -> Forecast:

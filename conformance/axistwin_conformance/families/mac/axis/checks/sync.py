@@ -10,7 +10,7 @@ from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, dri
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
-from axistwin_conformance.families.mac.axis.model.forecast import Segment
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Segment
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.motion import preload_policy
 from axistwin_conformance.families.mac.axis.probes.sync import (
@@ -23,6 +23,7 @@ from axistwin_conformance.families.mac.axis.probing import ACCEPTED_OR_REFUSED, 
 ORDER = 150  # of this module in a run; see `Family.modules`
 
 ARMED_S: Final = 1.5  # an arm has no end of its own
+ARMED_EXCHANGES: Final = 8  # in a move
 
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-STATE-01", safety=MOVES)
@@ -87,6 +88,21 @@ def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
     driver.motion.watch(
         driver.motion.to_position(exchange, start, 0), ("MACS-CMD-14-01", "MACS-CMD-11-01")
     )
+
+
+@check("MACS-CMD-19-01", safety=MOVES, level="full")
+def power_leaves_what_10h_has_begun(session: Session) -> None:
+    """19h after 10h, and with a motion preloaded, neither starts the motion nor drops it."""
+    driver = driver_of(session)
+    start = driver.motion.ready(0x0800)
+    driver.judge.accepted(0x10)
+    driver.judge.accepted(0x19)
+    driver.judge.accepted(0x13, start + 30)
+    driver.judge.accepted(0x19)
+    held = is_held(driver, start)
+    session.expect(held, None, f"rest at {start} until 11h", driver.client.position())
+    exchange = driver.judge.accepted(0x11)
+    driver.motion.finish(driver.motion.to_position(exchange, start, start + 30))
 
 
 @check("MACS-CMD-10-02", "MACS-CMD-11-02", safety=MOVES)
@@ -281,17 +297,31 @@ def a_preloaded_speed_started_during_segments_is_taken_at_once(session: Session)
     session.expect(least <= moved <= most, None, f"{least}..{most} increments", moved)
 
 
-@check("MACS-CMD-10-01", safety=MOVES, level="full")
+@check("MACS-CMD-10-01", "MACS-STATE-01", safety=MOVES, level="full")
 def arming_in_motion_concerns_the_next_motion(session: Session) -> None:
-    """10h during a move does not touch it; the next move is held until 11h."""
+    """10h during a move touches neither it nor its lock; the next move is held until 11h."""
     driver = driver_of(session)
     start = driver.motion.ready(SLOWEST)
-    forecast = driver.motion.go(start + 30)
+    forecast = driver.motion.go(start + driver.limits.way_outlasting(30, SLOWEST, ARMED_EXCHANGES))
     driver.judge.accepted(0x10)
-    place = driver.motion.watch(forecast, samples=2)
+    _judge_locked(driver, forecast)
+    place = driver.motion.watch(forecast, "MACS-CMD-10-01", samples=2)
     driver.judge.accepted(0x13, start)
     held = is_held(driver, place)
-    driver.judge.reading("sync_arm_lifetime", _armed_still(driver, held=held))
+    driver.judge.reading("sync_arm_lifetime", _armed_still(driver, held=held), "MACS-CMD-10-01")
     if held:
         exchange = driver.judge.accepted(0x11)
-        driver.motion.finish(driver.motion.to_position(exchange, place, start))
+        forecast = driver.motion.to_position(exchange, place, start)
+        driver.motion.finish(forecast, "MACS-CMD-10-01")
+
+
+def _judge_locked(driver: AxisDriver, forecast: Forecast) -> None:
+    """Until a move ends, its parameters are locked, as far as this device locks them."""
+    end = forecast.end
+    assert end is not None
+    values = {0x02: 0, 0x0D: driver.motion.period, 0x0F: driver.motion.coefficient}
+    for index, value in values.items():
+        exchange = driver.client.command(index, value)
+        is_surely = index == 0x02 or driver.readings.known("motion_lock_set") == 0
+        if is_surely and exchange.taken.latest_ns < end.earliest_ns:
+            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")

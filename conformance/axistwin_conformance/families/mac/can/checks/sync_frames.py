@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from axistwin_conformance.base.check import check
@@ -9,6 +10,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
+from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.sync import back, is_held
@@ -29,6 +31,7 @@ PERIOD: Final = 0x1000  # 512 us an increment
 STEPS: Final = 60
 SLOW: Final = 0x8000  # 4 ms an increment: frames on the bus are told apart from steps
 SEVERAL: Final = 3
+NO_COMMANDS: Final = (0x21, 0x2B, 0x60, 0x80)  # first bytes of what is no request
 
 
 def preload(driver: CanDriver, index: int, parameter: int = 0) -> None:
@@ -66,10 +69,53 @@ def sync_starts_a_preloaded_move(session: Session) -> None:
         exchange = started(driver, codec.sync()) if by_frame else driver.judge.accepted(0x11)
         forecast = driver.motion.to_position(exchange, start, start + STEPS)
         name = "MACC-SYNC-01" if by_frame else "MACC-SYNC-03"
+        locked = driver.client.command(0x02, 0)  # by every reading of the list
         driver.motion.watch(forecast, name)
+        _judge_locked(driver, forecast, locked)
         session.expect(True, "MACC-SYNC-03", "the same motion", "the same")
         driver.motion.at_rest()
         driver.motion.finish(driver.motion.go(start))
+
+
+def _judge_locked(driver: CanDriver, forecast: Forecast, exchange: AxisExchange) -> None:
+    """What SYNC has started, or 2011h, locks what a motion locks."""
+    end = forecast.end
+    assert end is not None
+    if exchange.taken.latest_ns < end.earliest_ns:
+        driver.judge.must(ReplyKind.REFUSED, exchange, "MACC-SYNC-03")
+
+
+@check("MACC-SDO-12", "MACC-SDO-05", safety=MOVES)
+def what_does_nothing_leaves_what_2010h_has_begun(session: Session) -> None:
+    """What is refused, or is no request, and the uploads of the commands' indices neither arm nor
+    disarm, and leave the motion that is preloaded."""
+    driver = CanDriver(session)
+    request = driver.client.request
+    for name, requests in (
+        ("MACC-SDO-12", [request(index) for index in (0x04, 0x12, 0x1F)]),
+        ("MACC-SDO-12", [replace(request(0x12), command=number) for number in NO_COMMANDS]),
+        ("MACC-SDO-05", [replace(request(0x20), index_low=low) for low in range(0x08, 0x20)]),
+    ):
+        frames = [one.frame() for one in requests]
+        start = driver.motion.ready(PERIOD)
+        if session.reading("sync_arm_lifetime") != "permanent":  # else it may be armed as it is
+            _send_each(driver, frames)
+            start = driver.motion.finish(driver.motion.go(start + STEPS), name)
+        driver.judge.accepted(0x10)
+        _send_each(driver, frames)
+        driver.judge.accepted(0x13, start - STEPS)
+        _send_each(driver, frames)
+        held = is_held(driver, start)
+        session.expect(held, name, f"held at {start}", driver.client.position())
+        exchange = started(driver, codec.sync())
+        driver.motion.finish(driver.motion.to_position(exchange, start, start - STEPS), name)
+        driver.motion.at_rest()
+
+
+def _send_each(driver: CanDriver, frames: list[Frame]) -> None:
+    """Whatever comes of them, if anything does, other checks judge."""
+    for frame in frames:
+        replies(driver, frame, is_awaited=False)
 
 
 @check("MACC-SYNC-01", "MACC-SYNC-03", safety=MOVES)

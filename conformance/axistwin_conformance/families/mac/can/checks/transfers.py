@@ -14,9 +14,10 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.checks.motion import judge_targets_under_sub_indices
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import velocity
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.driver.unknown_modules import unknown_module_at
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.model.kinematics import ramp_increments
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import CanRequest
@@ -42,6 +43,16 @@ LISTEN_REAL_S: Final = 0.5
 ACKNOWLEDGED_WITHIN_S: Final = 0.5  # MACS-REPLY-16: what the ledger gives a reply
 REFUSED_EXCHANGES: Final = 12  # three replies that are listened behind, and a look after each
 LONG: Final = 100  # increments at the slowest speed: longer than that
+QUICK: Final = 0x1000  # 512 us an increment
+LATE_S: Final = 0.2
+# Commands whose effect lasts, and what is sent before each.
+LASTING: Final[tuple[tuple[tuple[int, ...], int], ...]] = (
+    ((), 0x13), ((), 0x14), ((), 0x15), ((0x15,), 0x15), ((), 0x16), ((0x16,), 0x16),
+    ((0x15,), 0x17), ((0x13,), 0x17), ((0x15,), 0x18), ((0x13,), 0x18), ((0x16,), 0x18),
+    ((0x10, 0x13), 0x11),
+)  # fmt: skip
+PAUSE_STEPS: Final = 0x800  # of 8 ms: longer than a burst of segments takes on any line
+MOST_STAGES: Final = 6
 RESTART_SHOWS_S: Final = 3.0  # a module that has restarted says so after 2 s
 
 FILLERS: Final = (0xFFFFFFFF, 0x01000000, 0x00010000, 0x00000100, 0x00000001, 0x23002000)
@@ -204,6 +215,21 @@ def refused_downloads_are_answered_with_80h_and_zeros(session: Session) -> None:
         driver.motion.watch(forecast, "MACC-SDO-12", samples=2)
     after = held(driver)[1:]
     session.expect(after == before, "MACC-SDO-12", before, after)
+    _judge_refused_segments(driver)
+
+
+def _judge_refused_segments(driver: CanDriver) -> None:
+    """A segment for which there is no stage left is refused in the same words."""
+    driver.motion.at_rest()
+    pause = segment_parameter(PAUSE_STEPS, SLOWEST)
+    for _ in range(MOST_STAGES):
+        if driver.client.command(0x1E, pause).kind is ReplyKind.REFUSED:
+            break
+    else:
+        return  # checks of the FIFO judge that
+    for index, parameter in ((0x1E, pause), (0x16, segment_parameter(5, SLOWEST))):
+        judge_refused(driver, driver.client.request(index, parameter), "MACC-SDO-02")
+    driver.motion.at_rest()
 
 
 @check("MACC-SDO-03")
@@ -215,6 +241,26 @@ def uploads_are_answered_with_42h_and_four_bytes(session: Session) -> None:
         spelling = reply.answer_spelling
         shown: int | str = str(reply) if spelling is None else int(spelling != "42h")
         driver.judge.reading("upload_scs", shown, "MACC-SDO-03")
+
+
+@check("MACC-SDO-03", "MACC-SDO-14", safety=MOVES)
+def uploads_in_motion_are_answered_as_at_rest(session: Session) -> None:
+    """In motion of either direction every upload is answered, its sub-index repeated."""
+    driver = CanDriver(session)
+    for direction in (1, -1):
+        driver.motion.ready(SLOWEST)
+        driver.motion.turn(direction, SLOWEST)
+        for index in codec.ANSWERED:
+            for sub_index in (0x00, 0x05):
+                request = driver.client.request(index, 0, sub_index)
+                reply = the_reply(driver, request, "MACC-SDO-03")
+                is_refused = reply.kind is ReplyKind.REFUSED
+                if sub_index:
+                    driver.judge.reading("subindex_policy", int(is_refused), "MACC-SDO-03")
+                if not (sub_index and is_refused):
+                    is_answer = reply.kind is ReplyKind.ANSWER
+                    session.expect(is_answer, "MACC-SDO-14", "an answer in motion", reply)
+        driver.motion.at_rest()
 
 
 @check("MACC-SDO-07")
@@ -410,6 +456,45 @@ def a_motion_is_answered_when_it_is_taken_over(session: Session) -> None:
     _judge_prompt(driver, sent_ns)
     driver.motion.at_rest()
     _judge_silent(driver, listen_s)
+
+
+@check("MACC-SDO-06", safety=MOVES)
+def what_lasts_is_answered_once(session: Session) -> None:
+    """A motion, its start and its stop get one reply each: none comes while they last, nor when
+    the axis has come to rest."""
+    driver = CanDriver(session)
+    period = driver.limits.gentle(QUICK, 2.0)
+    for before, index in LASTING:
+        start = driver.motion.ready(period, 1)
+        if index == 0x14 and abs(start) > driver.limits.room():
+            continue
+        parameters = {
+            0x13: start + LONG,
+            0x15: velocity(1, driver.motion.period),
+            0x16: segment_parameter(LONG, driver.motion.period),
+        }
+        for first in before:
+            driver.judge.accepted(first, parameters.get(first, 0))
+        request = driver.client.request(index, parameters.get(index, 0))
+        judge_accepted(driver, request, "MACC-SDO-06")
+        way = 2 * ramp_increments(1) + max(LONG, abs(start) if index == 0x14 else 0)
+        _judge_silent(driver, driver.motion.lasting_s(way) + LATE_S)
+        driver.motion.at_rest()
+        _judge_silent(driver, LATE_S)
+
+
+@check("MACC-SDO-06")
+def two_requests_in_a_row_get_two_replies(session: Session) -> None:
+    """A request right behind another one is answered as well, both once."""
+    driver = CanDriver(session)
+    for pair in ((0x22, 0x23), (0x26, 0x25), (0x20, 0x24)):
+        frames = [driver.client.request(index).frame() for index in pair]
+        received = replies(driver, *frames)
+        seen = sorted((frame.identifier, frame.data[1:4]) for frame in received)
+        own = codec.REPLY + driver.client.address
+        wanted = sorted((own, frame.data[1:4]) for frame in frames)
+        asked = " and ".join(map(str, frames))
+        session.expect(seen == wanted, None, f"one reply to each of {asked}", described(received))
 
 
 def _judge_silent(driver: CanDriver, seconds: float) -> None:

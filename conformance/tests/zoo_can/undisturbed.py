@@ -1,0 +1,157 @@
+"""Faults in what must leave motion, arm and preload alone, and in what is said in motion (SDO)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from zoo.mutant import Any_, MonkeyPatch, wrap
+
+from axistwin.devices.mac.axis.axis import Axis
+from axistwin.devices.mac.can.device import MacCan
+from axistwin.kernel.effects import SendFrame
+from axistwin.wire.can_frame import CanFrame
+from zoo_can.planting import DOWNLOAD, REFUSED, UPLOAD, around, can_mutant, replies, requests
+
+COMING_TO_REST_NS = 100_000_000
+BUSY_NS = 1_500_000
+
+
+def _is_moving(module: MacCan) -> bool:
+    return module.axis.drive.kind is not None
+
+
+@can_mutant("MACC-SDO-02")
+def a_refused_segment_repeats_its_parameters(patch: MonkeyPatch) -> None:
+    """80h to 2016h and 201Eh is followed by the four bytes that were refused."""
+
+    def change(reply: bytes, request: bytes) -> bytes:
+        is_segment = request[0] == DOWNLOAD and request[1] in (0x16, 0x1E)
+        return reply[:4] + request[4:] if is_segment and reply[0] == REFUSED else reply
+
+    replies(patch, change)
+
+
+@can_mutant("MACC-SDO-03")
+def answers_in_motion_forget_the_sub_index(patch: MonkeyPatch) -> None:
+    """42h in motion repeats the index, and 00 for the sub-index."""
+
+    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
+        reply = serve()
+        is_answer = reply is not None and request[0] == UPLOAD and reply[0] != REFUSED
+        return reply[:3] + b"\0" + reply[4:] if is_answer and _is_moving(module) else reply
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-14")
+def the_inferior_stop_is_refused_on_the_way_down(patch: MonkeyPatch) -> None:
+    """2003h is refused in motion of negative direction."""
+
+    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
+        is_down = _is_moving(module) and module.axis.drive.direction_at(module._now) < 0
+        if request[:2] == b"\x40\x03" and is_down:
+            return bytes((REFUSED,)) + request[1:4] + bytes(4)
+        return serve()
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-05")
+def reading_2010h_arms(patch: MonkeyPatch) -> None:
+    """The upload of 2010h is refused, and does what the download does."""
+
+    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
+        if request[:3] == b"\x40\x10\x20":
+            module.axis._armed = True
+        return serve()
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-06")
+def a_stop_is_acknowledged_again_at_rest(patch: MonkeyPatch) -> None:
+    """2017h in motion is answered at once, and once more when the axis has come to rest."""
+
+    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
+        is_stop = request[:2] == b"\x23\x17" and _is_moving(module)
+        reply = serve()
+        if is_stop:
+            again = CanFrame(0x580 + module.address, reply)
+            module._effects.append(SendFrame(module._now + COMING_TO_REST_NS, again))
+        return reply
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-06")
+def a_request_right_behind_another_is_lost(patch: MonkeyPatch) -> None:
+    """There is one buffer: what comes within 1.5 ms of a request is not heard."""
+    heard: dict[MacCan, int] = {}
+
+    def act(go: Any_, module: MacCan, _: bytes) -> None:
+        is_lost = module in heard and module._now - heard[module] < BUSY_NS
+        if not is_lost:
+            heard[module] = module._now
+            go()
+
+    around(patch, "_own_request", act)
+
+
+@can_mutant("MACC-SDO-12")
+def what_is_refused_disarms(patch: MonkeyPatch) -> None:
+    """Any refusal drops what 2010h has armed."""
+
+    def act(serve: Any_, module: MacCan, _: bytes) -> Any:
+        reply = serve()
+        if reply is not None and reply[0] == REFUSED:
+            module.axis._armed = False
+        return reply
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-12")
+def what_is_no_request_drops_the_preload(patch: MonkeyPatch) -> None:
+    """A first byte that is none of the manual's is refused, and the preloaded motion forgotten."""
+
+    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
+        if request[0] not in (DOWNLOAD, UPLOAD):
+            module.axis._preload = None
+        return serve()
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-12")
+def two_unassigned_downloads_stop_the_axis(patch: MonkeyPatch) -> None:
+    """201Dh and 201Fh are refused, and do what 2018h does."""
+
+    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
+        if request[0] == DOWNLOAD and request[1] in (0x1D, 0x1F):
+            module.axis.execute(module._now, 0x18, 0, module._now)
+        return serve()
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SYNC-03")
+def what_sync_starts_locks_nothing(patch: MonkeyPatch) -> None:
+    """The parameters are free in a motion that the frame 080h has started."""
+    by_frame: set[Axis] = set()
+
+    def begin(go: Any_, module: MacCan, _: bytes) -> None:
+        was_held = module.axis._preload is not None
+        go()
+        if was_held:
+            by_frame.add(module.axis)
+
+    def make(is_locked: Any_) -> Any_:
+        def locked(axis: Axis, index: int, number: int) -> bool:
+            if axis.drive.kind is None:
+                by_frame.discard(axis)
+            return bool(is_locked(axis, index, number)) and axis not in by_frame
+
+        return locked
+
+    around(patch, "_sync", begin)
+    wrap(patch, Axis, "is_locked", make)
