@@ -339,6 +339,39 @@ def busy_begins_with_the_first_increment(patch: MonkeyPatch) -> None:
 
 
 @mutant("MACS-CMD-19-01")
+def power_stops_an_endless_motion(patch: MonkeyPatch) -> None:
+    """19h given in velocity motion stops the axis as 18h does."""
+
+    def act(go: Any_, axis: Axis, now: int, _: int) -> bool:
+        is_turning = axis.drive.kind is State.VE
+        return bool(axis.execute(now, 0x18, 0, now)) if is_turning else bool(go())
+
+    on(patch, 0x19, act)
+
+
+@mutant("MACS-Q-21-01")
+def enabling_the_reference_clears_the_stop_bit(patch: MonkeyPatch) -> None:
+    """07h leaves 00 where 21h told of a stop."""
+
+    def act(go: Any_, axis: Axis, _: int, __: int) -> bool:
+        axis.drive.stops.bits = 0
+        return bool(go())
+
+    on(patch, 0x07, act)
+
+
+@mutant("MACS-CMD-15-01")
+def the_low_byte_of_a_speed_has_a_sign(patch: MonkeyPatch) -> None:
+    """15h takes the low byte of its period for a signed number."""
+
+    def act(go: Any_, _: Axis, __: int, parameters: int) -> bool:
+        has_both = parameters & 0xFF00 and parameters & 0x80
+        return bool(go(parameters - 0x100 if has_both else parameters))
+
+    on(patch, 0x15, act)
+
+
+@mutant("MACS-CMD-19-01")
 def power_drops_what_10h_has_begun(patch: MonkeyPatch) -> None:
     """19h disarms, and forgets the motion that is preloaded."""
 

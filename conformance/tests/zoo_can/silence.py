@@ -31,6 +31,12 @@ def a_lifebeat_disarms(patch: MonkeyPatch) -> None:
     _with_a_lifebeat(patch, act)
 
 
+@can_mutant("MACC-EMCY-01")
+def a_lifebeat_sets_the_tolerance_to_0(patch: MonkeyPatch) -> None:
+    """2006h tells no tolerance after ten seconds of silence."""
+    _with_a_lifebeat(patch, lambda module, _: module.axis.parameters._set("tolerance", 0))
+
+
 @can_mutant("MACC-CMD-16-01")
 def a_lifebeat_empties_the_fifo(patch: MonkeyPatch) -> None:
     """The segment in progress is ended, those stored behind it are dropped."""

@@ -155,3 +155,26 @@ def what_sync_starts_locks_nothing(patch: MonkeyPatch) -> None:
 
     around(patch, "_sync", begin)
     wrap(patch, Axis, "is_locked", make)
+
+
+@can_mutant("MACC-SDO-12")
+def command_byte_20h_arms(patch: MonkeyPatch) -> None:
+    """20h with index 2010h is refused, and arms as 23h does."""
+
+    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
+        if request[:3] == b"\x20\x10\x20":
+            module.axis.execute(module._now, 0x10, 0, module._now)
+        return serve()
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-09")
+def accepted_segments_forget_the_sub_index(patch: MonkeyPatch) -> None:
+    """60h to 2016h and 201Eh has 00 for the sub-index."""
+
+    def change(reply: bytes, request: bytes) -> bytes:
+        is_segment = request[0] == DOWNLOAD and request[1] in (0x16, 0x1E)
+        return reply[:3] + b"\0" + reply[4:] if is_segment and reply[0] != REFUSED else reply
+
+    replies(patch, change)

@@ -150,7 +150,8 @@ def _judge_bits(driver: AxisDriver, side: SoftwareStop, name: str) -> None:
 
 @check("MACS-CMD-09-02", "MACS-Q-21-01", safety=MOVES)
 def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
-    """The ff bit outlives reading it, 18h and the end of enabling; the next motion clears it."""
+    """The ff bit outlives reading it, 18h, 07h and the end of enabling; the next motion clears
+    it."""
     driver = driver_of(session)
     side = SIDES[0]
     start = enable_stop(driver, side, 10)
@@ -158,8 +159,10 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     _rest(driver)
     _judge_bits(driver, side, "superior")
     driver.judge.accepted(0x18)
+    driver.judge.accepted(0x07, 0)
     before = driver.status.stopped_on()
-    session.expect(before != 0, "MACS-Q-21-01", "the bit still there after 21h and 18h", "ff 00")
+    wanted = "the bit still there after 21h, 18h and 07h"
+    session.expect(before != 0, "MACS-Q-21-01", wanted, "ff 00")
     driver.judge.accepted(0x03, 0)
     live = driver.status.stopped_on() != before
     driver.judge.accepted(0x13, start)

@@ -92,7 +92,8 @@ def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
 
 @check("MACS-CMD-19-01", safety=MOVES, level="full")
 def power_leaves_what_10h_has_begun(session: Session) -> None:
-    """19h after 10h, and with a motion preloaded, neither starts the motion nor drops it."""
+    """19h after 10h, and with a motion preloaded, neither starts the motion nor drops it; nor does
+    it stop an endless motion."""
     driver = driver_of(session)
     start = driver.motion.ready(0x0800)
     driver.judge.accepted(0x10)
@@ -103,6 +104,14 @@ def power_leaves_what_10h_has_begun(session: Session) -> None:
     session.expect(held, None, f"rest at {start} until 11h", driver.client.position())
     exchange = driver.judge.accepted(0x11)
     driver.motion.finish(driver.motion.to_position(exchange, start, start + 30))
+    period = driver.limits.gentle(0x2000, 1.0)
+    driver.motion.ready()
+    forecast = driver.motion.turn(1, period)
+    driver.judge.accepted(0x19)
+    for _ in range(3):
+        driver.client.wait(0.05)
+        driver.motion.follow(forecast, None, driver.limits.allowance(period))
+    driver.motion.at_rest()
 
 
 @check("MACS-CMD-10-02", "MACS-CMD-11-02", safety=MOVES)

@@ -58,7 +58,7 @@ def _moved(driver: AxisDriver, parameter: int, seconds: float) -> int:
 def velocity_climbs_and_cruises_on_time(session: Session) -> None:
     """From rest 15h climbs the ramp built from its own period, then holds it; 0Dh stays."""
     driver = driver_of(session)
-    for direction, period, coefficient in ((1, 0x1000, 1), (-1, 0x0640, 2), (1, 0x4000, 0)):
+    for direction, period, coefficient in ((1, 0x10C0, 1), (-1, 0x0690, 2), (1, 0x40A0, 0)):
         driver.motion.ready(0x0777, coefficient)
         period = driver.limits.gentle(period, 0.4)
         if direction < 0:  # 15h powers the motor, as any motion

@@ -63,6 +63,7 @@ TRAFFIC_S: Final = 1.0  # between frames that are not for this module
 LONG_SEGMENT: Final = segment_parameter(
     1465, 0xFFFF
 )  # 12 s: a lifebeat comes in it, and one after it
+TOLERANCE: Final = 3  # increments, of an axis that rests
 STORED_STEPS: Final = 20  # of a segment behind that one
 SELDOM_S: Final = 30.0  # a module that says nothing after ten seconds says nothing in these either
 AFTERWARDS_S: Final = 3.0  # what is said twice is said again by then
@@ -551,8 +552,11 @@ def the_lifebeat_repeats_the_status(session: Session) -> None:
         session.step(status[1] != 0, "2001h shows the stop", status.hex(" "))
         for index in (0x1A, 0x10):
             driver.judge.accepted(index)
-        status = bytes(driver.client.data_bytes(0x21))
+        driver.client.command(0x1C, TOLERANCE)
+        status, modes = bytes(driver.client.data_bytes(0x21)), driver.client.value(0x26)
         message = beat(driver)
+        now = driver.client.value(0x26)
+        session.expect(now == modes, "MACC-EMCY-01", f"2006h still {modes:08X}", f"{now:08X}")
         _judge_left_alone(driver, status)
     if not is_free(driver):
         _judge_trigger(driver, at_once)

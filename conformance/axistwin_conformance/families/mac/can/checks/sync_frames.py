@@ -31,7 +31,7 @@ PERIOD: Final = 0x1000  # 512 us an increment
 STEPS: Final = 60
 SLOW: Final = 0x8000  # 4 ms an increment: frames on the bus are told apart from steps
 SEVERAL: Final = 3
-NO_COMMANDS: Final = (0x21, 0x2B, 0x60, 0x80)  # first bytes of what is no request
+NO_COMMANDS: Final = (0x20, 0x21, 0x60, 0x80)  # first bytes of what is no request
 
 
 def preload(driver: CanDriver, index: int, parameter: int = 0) -> None:
@@ -93,7 +93,7 @@ def what_does_nothing_leaves_what_2010h_has_begun(session: Session) -> None:
     request = driver.client.request
     for name, requests in (
         ("MACC-SDO-12", [request(index) for index in (0x04, 0x12, 0x1F)]),
-        ("MACC-SDO-12", [replace(request(0x12), command=number) for number in NO_COMMANDS]),
+        ("MACC-SDO-12", [replace(request(0x10), command=number) for number in NO_COMMANDS]),
         ("MACC-SDO-05", [replace(request(0x20), index_low=low) for low in range(0x08, 0x20)]),
     ):
         frames = [one.frame() for one in requests]

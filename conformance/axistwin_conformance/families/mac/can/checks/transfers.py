@@ -317,8 +317,16 @@ def a_download_with_a_sub_index_sets_the_same(session: Session) -> None:
 
 @check("MACC-SDO-09", safety=MOVES)
 def a_target_with_a_sub_index_is_the_same(session: Session) -> None:
-    """A download of a target with any sub-index leads to the same place, or is refused."""
-    judge_targets_under_sub_indices(CanDriver(session))
+    """A download of a target with any sub-index leads to the same place, or is refused; a segment's
+    is repeated as well."""
+    driver = CanDriver(session)
+    judge_targets_under_sub_indices(driver)
+    for index in (0x1E, 0x16):
+        driver.motion.ready(SLOWEST)
+        request = driver.client.request(index, segment_parameter(LONG, SLOWEST), SUB_INDICES[0])
+        outcome = outcome_of(driver, request, {ReplyKind.ACCEPTED: 0, ReplyKind.REFUSED: 1})
+        driver.judge.reading("subindex_policy", outcome)
+    driver.motion.at_rest()
 
 
 # --- parameters ----------------------------------------------------------------------------------
