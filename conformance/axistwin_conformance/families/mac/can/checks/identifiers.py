@@ -46,6 +46,7 @@ OTHER_GENERAL: Final = (
 )  # fmt: skip
 STRANGE_COMMANDS: Final = (0x22, 0x60)  # neither download nor upload
 LONG: Final = 100  # increments at the slowest speed: longer than what is sent meanwhile
+MOST_LOOKS: Final = 20  # exchanges during a move
 BURST: Final = 5  # segments: one more than any module takes
 REMOTE_LENGTHS: Final = (0, 1, 8)
 TORQUES: Final = (0x21, 0x22)  # of 200Ch, both inside the range of every model
@@ -487,7 +488,7 @@ def what_all_are_told_follows_the_same_rules(session: Session) -> None:
     driver = CanDriver(session)
     nobody_unnamed(driver)
     start = driver.motion.ready(SLOWEST)
-    far = start + driver.limits.way_outlasting(LONG, SLOWEST, 2 * BURST)
+    far = start + driver.limits.way_outlasting(LONG, SLOWEST, MOST_LOOKS)
     try:
         _tell_all(driver, 0x10)
         driver.judge.accepted(0x13, far)
@@ -532,7 +533,8 @@ def _judge_burst_for_all(driver: CanDriver) -> None:
     if driver.client.address != codec.SPOKESMAN:
         driver.session.not_run("MACC-CMD-16-01", "module 1 alone tells whether it took a segment")
         return
-    segment = Segment(wait_steps(driver) + LONG, SLOWEST, moves=False)
+    steps = wait_steps(driver) + driver.limits.steps_outlasting(SLOWEST, 2 * BURST)
+    segment = Segment(steps, SLOWEST, moves=False)
     parameter = segment_parameter(segment.steps, segment.period)
     begun_ns = driver.client.target.now_ns
     kinds = [_tell_all(driver, 0x1E, parameter) for _ in range(BURST)]
