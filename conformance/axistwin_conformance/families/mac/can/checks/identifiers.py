@@ -533,8 +533,8 @@ def _judge_burst_for_all(driver: CanDriver) -> None:
     if driver.client.address != codec.SPOKESMAN:
         driver.session.not_run("MACC-CMD-16-01", "module 1 alone tells whether it took a segment")
         return
-    steps = wait_steps(driver) + driver.limits.steps_outlasting(SLOWEST, 2 * BURST)
-    segment = Segment(steps, SLOWEST, moves=False)
+    steps = max(LONG, driver.limits.steps_outlasting(SLOWEST, 2 * BURST))
+    segment = Segment(wait_steps(driver) + steps, SLOWEST, moves=False)
     parameter = segment_parameter(segment.steps, segment.period)
     begun_ns = driver.client.target.now_ns
     kinds = [_tell_all(driver, 0x1E, parameter) for _ in range(BURST)]
