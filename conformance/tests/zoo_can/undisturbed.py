@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from zoo.mutant import Any_, MonkeyPatch, wrap
@@ -18,6 +19,24 @@ BUSY_NS = 1_500_000
 
 def _is_moving(module: MacCan) -> bool:
     return module.axis.drive.kind is not None
+
+
+def _does_before(
+    patch: MonkeyPatch, is_meant: Callable[[bytes], bool], act: Callable[[MacCan], object]
+) -> None:
+    """Let `act(module)` be done before such a request is served as it should be."""
+
+    def acting(serve: Any_, module: MacCan, request: bytes) -> Any:
+        if is_meant(request):
+            act(module)
+        return serve()
+
+    requests(patch, acting)
+
+
+def _executed(index: int) -> Callable[[MacCan], object]:
+    """The command with that index, carried out by the axis."""
+    return lambda module: module.axis.execute(module._now, index, 0, module._now)
 
 
 @can_mutant("MACC-SDO-02")
@@ -59,13 +78,11 @@ def the_inferior_stop_is_refused_on_the_way_down(patch: MonkeyPatch) -> None:
 @can_mutant("MACC-SDO-05")
 def reading_2010h_arms(patch: MonkeyPatch) -> None:
     """The upload of 2010h is refused, and does what the download does."""
-
-    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
-        if request[:3] == b"\x40\x10\x20":
-            module.axis._armed = True
-        return serve()
-
-    requests(patch, act)
+    _does_before(
+        patch,
+        lambda request: request[:3] == b"\x40\x10\x20",
+        lambda module: setattr(module.axis, "_armed", True),
+    )
 
 
 @can_mutant("MACC-SDO-06")
@@ -113,25 +130,21 @@ def what_is_refused_disarms(patch: MonkeyPatch) -> None:
 @can_mutant("MACC-SDO-12")
 def what_is_no_request_drops_the_preload(patch: MonkeyPatch) -> None:
     """A first byte that is none of the manual's is refused, and the preloaded motion forgotten."""
-
-    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
-        if request[0] not in (DOWNLOAD, UPLOAD):
-            module.axis._preload = None
-        return serve()
-
-    requests(patch, act)
+    _does_before(
+        patch,
+        lambda request: request[0] not in (DOWNLOAD, UPLOAD),
+        lambda module: setattr(module.axis, "_preload", None),
+    )
 
 
 @can_mutant("MACC-SDO-12")
 def two_unassigned_downloads_stop_the_axis(patch: MonkeyPatch) -> None:
     """201Dh and 201Fh are refused, and do what 2018h does."""
-
-    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
-        if request[0] == DOWNLOAD and request[1] in (0x1D, 0x1F):
-            module.axis.execute(module._now, 0x18, 0, module._now)
-        return serve()
-
-    requests(patch, act)
+    _does_before(
+        patch,
+        lambda request: request[0] == DOWNLOAD and request[1] in (0x1D, 0x1F),
+        _executed(0x18),
+    )
 
 
 @can_mutant("MACC-SYNC-03")
@@ -160,13 +173,7 @@ def what_sync_starts_locks_nothing(patch: MonkeyPatch) -> None:
 @can_mutant("MACC-SDO-12")
 def command_byte_20h_arms(patch: MonkeyPatch) -> None:
     """20h with index 2010h is refused, and arms as 23h does."""
-
-    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
-        if request[:3] == b"\x20\x10\x20":
-            module.axis.execute(module._now, 0x10, 0, module._now)
-        return serve()
-
-    requests(patch, act)
+    _does_before(patch, lambda request: request[:3] == b"\x20\x10\x20", _executed(0x10))
 
 
 @can_mutant("MACC-SDO-09")

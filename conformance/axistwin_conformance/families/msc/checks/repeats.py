@@ -11,6 +11,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.checks.link import SECOND
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import COARSE_NS, MS, ROUNDING_NS, Names
@@ -18,7 +19,6 @@ from axistwin_conformance.families.msc.link import COARSE_NS, MS, ROUNDING_NS, N
 ORDER = 25  # of this module in a run; see `Family.modules`
 
 STRAYS: Final = (NAK, NAK + NAK, ACK + NAK + ACK)
-OTHER: Final = codec.rflag(0)  # whose reply cannot be taken for RQSTAT's
 ODD_BYTES: Final = b"\x00\xffA"  # neither signs nor 02h
 MIDDLE, LATE = 0.6, 0.99  # of the time in which a sign surely comes within T2
 REAL_LATE: Final = 0.85  # a busy host is late itself
@@ -122,11 +122,11 @@ def a_packet_counts_whenever_it_comes(session: Session) -> None:
     _must_tell_t2(driver, "MSC-LNK-16")
     for part in (MIDDLE, LATE if session.target.is_virtual else REAL_LATE):
         _, over_ns = _unanswered(driver)
-        at_ns = _send_at(driver, driver.client.request(OTHER), part, over_ns)
+        at_ns = _send_at(driver, driver.client.request(SECOND), part, over_ns)
         text = f"a packet {(at_ns - over_ns) / MS:.0f} ms after a reply"
         reply, strays = driver.client.receive_packet()
         session.target.send(ACK)
-        is_served = strays == ACK and reply is not None and reply.name == codec.name_of(OTHER)
+        is_served = strays == ACK and reply is not None and reply.name == codec.name_of(SECOND)
         seen = codec.explain(strays + (reply.raw if reply else b"")) or "nothing"
         names = ("MSC-LNK-16", "MSC-LNK-08")
         session.expect(is_served, names, f"ACK and its own reply to {text}", seen)

@@ -6,6 +6,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
@@ -324,13 +325,20 @@ def arming_in_motion_concerns_the_next_motion(session: Session) -> None:
         driver.motion.finish(forecast, "MACS-CMD-10-01")
 
 
-def _judge_locked(driver: AxisDriver, forecast: Forecast) -> None:
-    """Until a move ends, its parameters are locked, as far as this device locks them."""
+def judge_refused_amid(
+    driver: AxisDriver, forecast: Forecast, exchange: AxisExchange, requirement: str
+) -> None:
+    """What a motion locks is refused, if it was surely sent before that ends."""
     end = forecast.end
     assert end is not None
+    if exchange.taken.latest_ns < end.earliest_ns:
+        driver.judge.must(ReplyKind.REFUSED, exchange, requirement)
+
+
+def _judge_locked(driver: AxisDriver, forecast: Forecast) -> None:
+    """Until a move ends, its parameters are locked, as far as this device locks them."""
     values = {0x02: 0, 0x0D: driver.motion.period, 0x0F: driver.motion.coefficient}
     for index, value in values.items():
         exchange = driver.client.command(index, value)
-        is_surely = index == 0x02 or driver.readings.known("motion_lock_set") == 0
-        if is_surely and exchange.taken.latest_ns < end.earliest_ns:
-            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
+        if index == 0x02 or driver.readings.known("motion_lock_set") == 0:
+            judge_refused_amid(driver, forecast, exchange, "MACS-STATE-01")

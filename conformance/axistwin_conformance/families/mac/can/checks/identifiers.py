@@ -552,7 +552,7 @@ def _judge_burst_for_all(driver: CanDriver) -> None:
 
 @check("MACC-GEN-02", "MACC-Q-06-01", safety="stored")
 def module_1_answers_all_with_what_it_holds(session: Session) -> None:
-    """Each upload on 600h tells what module 1 tells when it alone is asked."""
+    """Each upload on 600h tells what module 1 tells by itself."""
     drivers = {driver.client.address: driver for driver in everybody(session)}
     if codec.SPOKESMAN not in drivers:
         session.skip("there is no module 1 on this bus")

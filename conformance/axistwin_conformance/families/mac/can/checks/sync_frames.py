@@ -7,10 +7,10 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.checks.sync import judge_refused_amid
 from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
-from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.sync import back, is_held
@@ -71,18 +71,10 @@ def sync_starts_a_preloaded_move(session: Session) -> None:
         name = "MACC-SYNC-01" if by_frame else "MACC-SYNC-03"
         locked = driver.client.command(0x02, 0)  # by every reading of the list
         driver.motion.watch(forecast, name)
-        _judge_locked(driver, forecast, locked)
+        judge_refused_amid(driver, forecast, locked, "MACC-SYNC-03")
         session.expect(True, "MACC-SYNC-03", "the same motion", "the same")
         driver.motion.at_rest()
         driver.motion.finish(driver.motion.go(start))
-
-
-def _judge_locked(driver: CanDriver, forecast: Forecast, exchange: AxisExchange) -> None:
-    """What SYNC has started, or 2011h, locks what a motion locks."""
-    end = forecast.end
-    assert end is not None
-    if exchange.taken.latest_ns < end.earliest_ns:
-        driver.judge.must(ReplyKind.REFUSED, exchange, "MACC-SYNC-03")
 
 
 @check("MACC-SDO-12", "MACC-SDO-05", safety=MOVES)

@@ -501,8 +501,8 @@ def two_requests_in_a_row_get_two_replies(session: Session) -> None:
         seen = sorted((frame.identifier, frame.data[1:4]) for frame in received)
         own = codec.REPLY + driver.client.address
         wanted = sorted((own, frame.data[1:4]) for frame in frames)
-        asked = " and ".join(map(str, frames))
-        session.expect(seen == wanted, None, f"one reply to each of {asked}", described(received))
+        text = f"one reply to each of {' and '.join(map(str, frames))}"
+        session.expect(seen == wanted, None, text, described(received))
 
 
 def _judge_silent(driver: CanDriver, seconds: float) -> None:
