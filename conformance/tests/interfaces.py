@@ -23,7 +23,7 @@ from typing import Any, Generic, TypeVar
 import can
 import pytest
 import serial
-from small_scratch import FLAGS, VARIABLES
+from small_scratch import small_scratch
 
 from axistwin_conformance.base.events import Listener, RunFinished
 from axistwin_conformance.base.ledger import load_ledger
@@ -429,8 +429,7 @@ def judged_behind(
     """
     asked: dict[str, Any] = {"allow": "motion,stored,destructive", "is_detection": detects, **given}
     if model.startswith("msc"):
-        scratch = {"variables": VARIABLES, "flags": FLAGS, "bench_program": (240, 6144)}
-        asked = {**asked, "allow": "motion,stored", **scratch, **given}
+        asked = {**asked, "allow": "motion,stored", **small_scratch(model), **given}
     elif "max_travel" not in asked:
         asked["max_travel"] = 20_000
     asked |= {"can": "socketcan:can0"} if model.endswith("-can") else {"port": interface.url}

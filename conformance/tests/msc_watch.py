@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import serial
 from port_in_front import PortInFront
+from small_scratch import PROGRAM
 
 from axistwin_conformance.cli import make_options
 from axistwin_conformance.engine.result import Result
@@ -17,7 +18,6 @@ from axistwin_conformance.transport.serial import TWIN_HANDLER, SerialTransport
 PORT: Final = "/dev/ttyMSC"  # what the suite takes for a real port
 VARIABLES: Final = range(1024, 2048)
 FLAGS: Final = range(128, 160)
-PROGRAM: Final = (240, 6144)
 NAMES: Final = frozenset(b"BREAD BWRITE CFLAG DREAD DWRITE RFLAG RFLAGS RQSTAT SFLAG".split())
 WRITES: Final = re.compile(rb"(BWRITE|DWRITE|CFLAG|SFLAG),(?=(..))", re.DOTALL)
 
