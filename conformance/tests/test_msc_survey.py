@@ -18,6 +18,7 @@ from axistwin_conformance.families.msc import codec
 pytestmark = pytest.mark.strength
 
 SIZE = 32768  # of the data areas here
+READS = ("DREAD", "BREAD", "RFLAG")
 IDS = ("MSC-DREAD", "MSC-BREAD", "MSC-PKT-06", "MSC-PROP-01", "MSC-PROP-02")
 
 
@@ -27,7 +28,7 @@ def refusing(refuses: Callable[[str, int], bool], status: int = 65) -> TwinPort:
     port.status, served = status, port.served
 
     def fault(one: codec.Packet) -> bytes | None:
-        is_refused = one.name in ("DREAD", "BREAD") and refuses(one.name, one.numbers[0])
+        is_refused = one.name in READS and refuses(one.name, one.numbers[0])
         return None if is_refused else served(one)
 
     port.served = fault
@@ -73,7 +74,9 @@ def test_a_span_beyond_the_data_area_is_told_and_blamed_on_nobody(
 
 def test_an_area_that_begins_later_is_told_by_both_its_ends() -> None:
     """Where the ends of a span are refused and something between is served."""
-    result = judged(refusing(lambda name, at: not 4096 <= at < 8192), 2048, 16383)
+    result = judged(
+        refusing(lambda name, at: name != "RFLAG" and not 4096 <= at < 8192), 2048, 16383
+    )
     assert "refuses 2048 and 16380 (NAK)" in result.sentence
     assert "its data area has of these 4096-8191 alone" in result.sentence
 
@@ -87,7 +90,7 @@ def test_a_span_up_to_the_very_end_is_judged() -> None:
 
 def test_a_unit_that_serves_no_data_without_its_program_is_told_with_its_status() -> None:
     """It may refuse them all because nothing runs in it (MSC-AMB-32)."""
-    result = judged(refusing(lambda name, at: True, status=64), 2048, 3071)
+    result = judged(refusing(lambda name, at: name != "RFLAG", status=64), 2048, 3071)
     assert result.exit_status == 2
     assert "perhaps because no program runs in it (status 64)" in result.sentence
 
@@ -99,12 +102,14 @@ def test_a_unit_that_serves_no_data_without_its_program_is_told_with_its_status(
         lambda name, at: at == 3068 - 128 * 7,
         lambda name, at: name == "DREAD",
         lambda name, at: name == "DREAD" and at % 256 in (0, 252),
+        lambda name, at: True,
     ],
 )
 def test_a_unit_that_refuses_what_it_has_is_still_found(
     refuses: Callable[[str, int], bool], is_lossless: bool
 ) -> None:
-    """An address between others that it serves; DREAD where BREAD is served; both ends and more."""
+    """An address between others that it serves; DREAD where BREAD is served; both ends and more;
+    each address, and flags too."""
     result = judged(refusing(refuses), 2048, 3071, is_lossless=is_lossless)
     assert result.exit_status == 1
     assert Verdict.FAIL in verdicts(result)

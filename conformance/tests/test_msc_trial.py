@@ -169,6 +169,23 @@ def test_flags_that_follow_or_show_a_fault_are_left_to_the_checks(
     assert tried(port) == ""
 
 
+@pytest.mark.parametrize("flags", [NAMED, range(128, 192)])
+def test_a_unit_whose_rflags_tells_what_was_before_fails(flags: range) -> None:
+    """RFLAG tells that they follow: nothing but the unit can be wrong."""
+
+    class Belated(Controller):
+        before = b""
+
+        def serve(self, one: codec.Packet) -> bytes | None:
+            told = super().serve(one)
+            if one.name != "RFLAGS" or told is None:
+                return told
+            self.before, told = told, self.before or told
+            return told
+
+    assert tried(Belated(), flags) == ""
+
+
 def test_noise_drives_no_flag() -> None:
     """Every fifth packet is spoilt, either way."""
     for number in range(6):

@@ -3,8 +3,8 @@
 How large the data area is, nobody has written (§5.2); it is in the listing of the macroprogram.  An
 address outside of it draws NAK, as one would that a faulty unit refuses.  What tells them apart is
 where the refused ones lie: a data area is one stretch of addresses.  What was named beyond its ends
-is the operator's mistake; a unit that refuses an address between others that it serves, or DREAD
-where it serves BREAD, is left to the checks.
+is the operator's mistake; a unit that refuses an address between others that it serves, DREAD where
+it serves BREAD, or a flag too, is left to the checks.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class _DataAreaLook:
         looked = sorted({*places[:: -(-len(places) // SAMPLES)], places[-1]})
         served = [place for place in looked if not self._is_refused(place)]
         if not served:
-            return "" if self._serves_a_block() else self._all_refused()
+            return "" if self._is_to_blame() else self._all_refused()
         if any(self._is_refused(place) for place in looked if served[0] < place < served[-1]):
             return ""
         low = self._edge(
@@ -99,12 +99,12 @@ class _DataAreaLook:
                 served = middle
         return served
 
-    def _serves_a_block(self) -> bool:
-        """True if BREAD is served where DREAD is not."""
+    def _is_to_blame(self) -> bool:
+        """True if BREAD is served where DREAD is not, or what every unit has is refused as well."""
         first = self._places[0]
-        if first + SAFE_BLOCK > self._span.stop:
-            return False
-        return not self._draws_nak(codec.bread(first))
+        if self._draws_nak(codec.rflag(0)):
+            return True
+        return first + SAFE_BLOCK <= self._span.stop and not self._draws_nak(codec.bread(first))
 
     def _is_refused(self, address: int) -> bool:
         if address not in self._known:

@@ -4,11 +4,11 @@ An input that was named by mistake keeps its state whatever SFLAG and CFLAG say,
 that the macroprogram uses.  On the wire that looks like a unit that loses what is written, and
 nobody can tell them apart; so nothing is judged by such a flag.  Three kinds of units are at fault
 beyond doubt, and are left to the checks: one whose flag follows most of the time, one that writes
-to another flag than the one it was told, and one whose flags follow when they are turned one by
-one, and not among many: a machine does not count what is written.  Two fail here: one that turns
-the flag and others with it, since no check looks at flags that nobody has named; and one that
-acknowledges each SFLAG while more flags stay off than a machine drives in step, or each CFLAG while
-they stay on.
+to another flag than the one it was told, and one whose flags follow when each is turned and read by
+itself, and not among many, or not as RFLAGS tells them: a machine does not count what is written.
+Two fail here: one that turns the flag and others with it, since no check looks at flags that nobody
+has named; and one that acknowledges each SFLAG while more flags stay off than a machine drives in
+step, or each CFLAG while they stay on.
 """
 
 from __future__ import annotations
@@ -115,8 +115,9 @@ class _FlagCheck:
         return Violation(f"MSC-{name}-02", f"{name} turns a flag {wanted}", told)
 
     def follow_alone(self, driven: list[int]) -> bool:
-        """Whether these flags change as they are told as soon as nothing else is written meanwhile,
-        by far more often than by chance; False if one of those tried keeps its state."""
+        """Whether these flags change as they are told, as RFLAG tells them, as soon as nothing else
+        is written meanwhile, by far more often than by chance; False if one of those tried keeps
+        its state."""
         tried = self._session.random.sample(driven, min(MOST_NAMED, len(driven)))
         changes: list[bool] = []
         for number in tried * (MOST_NAMED // len(tried)):
@@ -131,10 +132,10 @@ class _FlagCheck:
         changes: list[bool] = []
         was_on: bool | None = None
         for on in self._orders():
-            signs, states = self._turned([number], on=on, looked_at=(number,))
+            signs = self._turn([number], on=on)
+            is_on = self._driver.flag(number)
             if signs[number] != codec.ACK:
                 continue
-            is_on = number in states
             if was_on not in (None, is_on):
                 changes.append(is_on == on)
             was_on = is_on
@@ -199,15 +200,19 @@ class _FlagCheck:
         self, numbers: list[int], *, on: bool, looked_at: Iterable[int] | None = None
     ) -> tuple[dict[int, bytes], frozenset[int]]:
         """Turn flags: what came of each, and which of them are on a scan later."""
-        bench, memory = self._driver, self._session.run.memory
-        name, command = ("SFLAG", codec.sflag) if on else ("CFLAG", codec.cflag)
-        signs = {}
-        for number in numbers:
-            memory.touched.add(Writing(name, number))
-            signs[number] = bench.ask(command(number)).raw
-        self._session.target.wait(SCAN_S)
-        states = bench.flags()
+        signs = self._turn(numbers, on=on)
+        states = self._driver.flags()
         if states is not None:
             return signs, codec.flags_on(states)
         wanted = numbers if looked_at is None else looked_at
-        return signs, frozenset(number for number in wanted if bench.flag(number))
+        return signs, frozenset(number for number in wanted if self._driver.flag(number))
+
+    def _turn(self, numbers: list[int], *, on: bool) -> dict[int, bytes]:
+        """Turn flags, and wait a scan: what came of each."""
+        name, command = ("SFLAG", codec.sflag) if on else ("CFLAG", codec.cflag)
+        signs = {}
+        for number in numbers:
+            self._session.run.memory.touched.add(Writing(name, number))
+            signs[number] = self._driver.ask(command(number)).raw
+        self._session.target.wait(SCAN_S)
+        return signs
