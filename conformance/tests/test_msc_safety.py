@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 from msc_twin import TwinPort, check_of, session_on
-from msc_watch import FLAGS, PROGRAM, VARIABLES, MscWatch, run_on_a_port
+from msc_watch import FLAGS, VARIABLES, MscWatch, run_on_a_port
+from small_scratch import PROGRAM
 from test_safety import signalled
 from trouble import Trouble, interrupt, meet, moments_of
 
