@@ -3,6 +3,7 @@ that refuses what it has to serve gets away by none of that."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import pytest
@@ -103,6 +104,7 @@ def test_a_unit_that_serves_no_data_without_its_program_is_told_with_its_status(
         lambda name, at: name == "DREAD",
         lambda name, at: name == "DREAD" and at % 256 in (0, 252),
         lambda name, at: True,
+        lambda name, at: at >= 128,
     ],
 )
 def test_a_unit_that_refuses_what_it_has_is_still_found(
@@ -111,6 +113,14 @@ def test_a_unit_that_refuses_what_it_has_is_still_found(
     """An address between others that it serves; DREAD where BREAD is served; both ends and more;
     each address, and flags too."""
     result = judged(refusing(refuses), 2048, 3071, is_lossless=is_lossless)
+    assert result.exit_status == 1
+    assert Verdict.FAIL in verdicts(result)
+
+
+def test_a_unit_that_refuses_what_it_has_served_is_found() -> None:
+    """From the sixth read on the numbers are taken for others."""
+    count = itertools.count()
+    result = judged(refusing(lambda name, at: next(count) > 5), 2048, 3071)
     assert result.exit_status == 1
     assert Verdict.FAIL in verdicts(result)
 

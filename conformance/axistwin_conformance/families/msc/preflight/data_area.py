@@ -3,8 +3,8 @@
 How large the data area is, nobody has written (§5.2); it is in the listing of the macroprogram.  An
 address outside of it draws NAK, as one would that a faulty unit refuses.  What tells them apart is
 where the refused ones lie: a data area is one stretch of addresses.  What was named beyond its ends
-is the operator's mistake; a unit that refuses an address between others that it serves, DREAD where
-it serves BREAD, or a flag too, is left to the checks.
+is the operator's mistake; a unit that refuses an address between others that it serves, or that it
+has just served, DREAD where it serves BREAD, or a flag too, is left to the checks.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from axistwin_conformance.base.errors import UsageError
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.safety import MOST_FLAGS
 from axistwin_conformance.families.msc.scratch import (
     SAFE_BLOCK,
     SAFE_STRIDE,
@@ -65,6 +66,8 @@ class _DataAreaLook:
             return "" if self._is_to_blame() else self._all_refused()
         if any(self._is_refused(place) for place in looked if served[0] < place < served[-1]):
             return ""
+        if self._draws_nak(codec.dread(served[0])):
+            return ""
         low = self._edge(
             served[0], max((place for place in looked if place < served[0]), default=None)
         )
@@ -102,7 +105,7 @@ class _DataAreaLook:
     def _is_to_blame(self) -> bool:
         """True if BREAD is served where DREAD is not, or what every unit has is refused as well."""
         first = self._places[0]
-        if self._draws_nak(codec.rflag(0)):
+        if any(self._draws_nak(codec.rflag(number)) for number in (0, MOST_FLAGS - 1)):
             return True
         return first + SAFE_BLOCK <= self._span.stop and not self._draws_nak(codec.bread(first))
 
