@@ -100,7 +100,9 @@ def _first_answer_ns(driver: SerialDriver, from_ns: int) -> int:
         exchange = driver.client.send(driver.client.request(0x20), POLL_S)
         if exchange.kind is ReplyKind.ANSWER:
             return exchange.taken.earliest_ns
-    return driver.client.target.now_ns
+    from_now_ns = driver.client.target.now_ns
+    driver.motion.wait_awake()  # each question may have put it off
+    return from_now_ns
 
 
 @check("MACS-CMD-00-01", "MACS-CMD-00-02", safety=MOVES)
