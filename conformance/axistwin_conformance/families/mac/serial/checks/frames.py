@@ -102,13 +102,20 @@ def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
 
 @check("MACS-FRAME-01", "MACS-FRAME-02")
 def shorter_frames_get_no_reply(session: Session) -> None:
-    """A frame with any one byte left out is not answered, and the next whole one is, once."""
+    """A frame with any one byte left out is not answered, were the sum right over the rest of it;
+    the next whole one is, once."""
     driver = SerialDriver(session)
     whole = driver.client.request(0x20, 0x12345678).encode()
     every = 1 if session.target.is_virtual else 4
     for missing in range(0, len(whole), every):
         exchange = driver.client.send(whole[:missing] + whole[missing + 1 :], QUIET_S)
         _no_success(session, exchange.reply, f"20 bytes, byte {missing} left out", "MACS-FRAME-01")
+        driver.judge.alive("MACS-FRAME-01")
+    every = 1 if session.target.is_virtual else 5
+    for missing in range(4, 18, every):
+        exchange = driver.client.send(_summed(whole[:missing] + whole[missing + 1 : 18]), QUIET_S)
+        what = f"20 bytes, byte {missing} left out, and the sum of the other 13 characters"
+        _no_success(session, exchange.reply, what, "MACS-FRAME-01")
         driver.judge.alive("MACS-FRAME-01")
     for length in (1, 4, 11, 20):
         exchange = driver.client.send(whole[:length], QUIET_S)
@@ -119,7 +126,8 @@ def shorter_frames_get_no_reply(session: Session) -> None:
 
 @check("MACS-FRAME-01")
 def longer_frames_get_no_reply(session: Session) -> None:
-    """A frame with one byte too many between Stx and Etx is not answered; the next whole one is."""
+    """A frame with one byte too many between Stx and Etx is not answered, whatever it sums up; the
+    next whole one is."""
     driver = SerialDriver(session)
     whole = driver.client.request(0x20).encode()
     for place in (4, 6, 8, 10, 17, 18, 19, 20):
@@ -127,6 +135,16 @@ def longer_frames_get_no_reply(session: Session) -> None:
         exchange = driver.client.send(longer, QUIET_S)
         _no_success(session, exchange.reply, f"22 bytes, a 0 before byte {place}", None)
         driver.judge.alive()
+    for place in (10, 17):
+        longer = _summed(whole[:place] + b"0" + whole[place:18])
+        what = f"22 bytes, a 0 before byte {place}, and the sum of the 15 characters"
+        _no_success(session, driver.client.send(longer, QUIET_S).reply, what, None)
+        driver.judge.alive()
+
+
+def _summed(unsummed: bytes) -> bytes:
+    """A frame up to its parameters, with the sum of all behind its length field, and Etx."""
+    return unsummed + codec.two_digits(codec.checksum(unsummed[4:])) + bytes([ETX])
 
 
 def _no_success(
