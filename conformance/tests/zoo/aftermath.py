@@ -433,3 +433,46 @@ def a_refused_stop_is_in_force_after_a_restart(patch: MonkeyPatch) -> None:
         return accepted
 
     on(patch, 0x0A, act)
+
+
+@mutant("MACS-STATE-01")
+def what_is_for_all_knows_no_lock(patch: MonkeyPatch) -> None:
+    """A parameter that motion locks is stored in motion if the frame is for FF."""
+    is_general = [False]
+
+    def act(judge: Any_, _: MacSerial, __: bytes, request: Any) -> None:
+        is_general[0] = request.address == GENERAL_ADDRESS
+        judge()
+
+    def make(is_locked: Any_) -> Any_:
+        def locking(axis: Axis, index: int, number: int) -> bool:
+            is_free = is_general[0] and index < 0x10
+            return bool(is_locked(axis, index, number)) and not is_free
+
+        return locking
+
+    frames(patch, act)
+    wrap(patch, Axis, "is_locked", make)
+
+
+@mutant("MACS-REPLY-05")
+def busy_looks_at_a_refused_target(patch: MonkeyPatch) -> None:
+    """The target of a 13h that is refused is that of busy until the next motion."""
+    refused: list[int] = []
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        was_moving = target_of(axis.drive) is not None
+        is_taken = bool(go())
+        refused[:] = [_signed(number)] if was_moving and not is_taken else []
+        return is_taken
+
+    def make(is_busy: Any_) -> Any_:
+        def looking(drive: Drive, now: int) -> bool:
+            if refused and target_of(drive) is not None:
+                return abs(drive.counter.at(now) - refused[0]) > drive._values["tolerance"]
+            return bool(is_busy(drive, now))
+
+        return looking
+
+    on(patch, 0x13, act)
+    wrap(patch, Drive, "is_busy", make)

@@ -183,3 +183,15 @@ def an_empty_fifo_loses_a_step(patch: MonkeyPatch) -> None:
         return bool(go(_word(steps - 1, n) if has_run and steps > 1 else n))
 
     on(patch, REAL, act)
+
+
+@mutant("MACS-REPLY-05")
+def a_segment_of_no_period_empties_the_fifo(patch: MonkeyPatch) -> None:
+    """16h or 1Eh with VVVV = 0 is refused, and what is stored is dropped."""
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        if number & 0xFFFF == 0 and axis.drive.kind is State.IN:
+            axis.drive.stop_segments(now, after_this_one=True)
+        return bool(go())
+
+    on(patch, (0x16, 0x1E), act)

@@ -109,3 +109,16 @@ def a_preloaded_speed_is_lost_in_segments(patch: MonkeyPatch) -> None:
         return bool(go())
 
     on(patch, 0x11, act)
+
+
+@mutant("MACS-CMD-13-02")
+def an_arm_in_motion_opens_the_lock(patch: MonkeyPatch) -> None:
+    """Whether 10h holds a move back is looked at before the lock: armed, 13h passes in motion."""
+
+    def make(is_locked: Any_) -> Any_:
+        def locking(axis: Axis, index: int, number: int) -> bool:
+            return bool(is_locked(axis, index, number)) and not (index == 0x13 and axis._armed)
+
+        return locking
+
+    wrap(patch, Axis, "is_locked", make)

@@ -423,11 +423,8 @@ def _refused_wherever_to(driver: AxisDriver, start: int, forecast: Forecast) -> 
     """A move is refused to where the axis is going already, too, and with 10h before it, which is
     about a motion from rest."""
     ends = {timeline.final for timeline in forecast.timelines if forecast.mode == "PO"}
-    for index, parameter in (
-        (0x13, ends.pop() if len(ends) == 1 else start),
-        (0x10, 0),
-        (0x13, start),
-    ):
+    end = next((place for place in ends if place is not None), start)
+    for index, parameter in ((0x13, end), (0x10, 0), (0x13, start)):
         exchange = driver.client.command(index, parameter)
         driver.motion.taken_in_time(exchange, forecast.steady_until_ns, "the motion")
         if index == 0x13:

@@ -234,7 +234,7 @@ def segments_of_zero_period_or_zero_steps(session: Session) -> None:
     for index in (0x16, 0x1E):
         kind = driver.client.command(index, segment_parameter(0, driver.limits.slowed(0x1000))).kind
         if kind is not ReplyKind.ACCEPTED:
-            session.fail(None, "accepted", kind.value)
+            session.fail(("MACS-CMD-16-01", "MACS-CMD-1E-01"), "accepted", kind.value)
         outcome = int(driver.client.command(0x02, 0).kind is ReplyKind.REFUSED)
         driver.motion.at_rest()
         driver.judge.reading("segment_zero_steps", outcome, f"MACS-CMD-{index:02X}-01")

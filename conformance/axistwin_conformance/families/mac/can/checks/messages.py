@@ -178,7 +178,8 @@ def the_boot_up_message_comes_two_seconds_after_the_reset(session: Session) -> N
 
 @check("MACC-BOOT-04", "MACC-CMD-00-01", safety=MOVES)
 def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
-    """What is sent between reset and boot-up message gets no reply, then or later: no effect."""
+    """What is sent between reset and boot-up message gets no reply, then or later: no effect, nor
+    does it put that message off."""
     driver = CanDriver(session)
     start = driver.motion.ready()
     exchange = driver.client.within(QUIET_S, 0x00)
@@ -196,6 +197,8 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
         session.expect(not received, "MACC-BOOT-04", wanted, described(received))
     boot_up, _ = await_boot_up(driver)
     session.step(boot_up is not None, "a boot-up message", "none")
+    assert boot_up is not None
+    judge_time(driver, taken_over(driver, exchange), boot_up, "MACC-BOOT-04")
     late = driver.client.target.receive(codec.is_reply, AFTERWARDS_S)
     session.expect(
         late is None,
