@@ -134,9 +134,11 @@ def in_motion_00h_drops_the_motion(session: Session) -> None:
         wanted = _set_meanwhile(driver, own)
         driver.client.wait(0.2)
         driver.client.command(0x10)  # it would hold the next motion back
-        taken = driver.motion.reinitialise().taken
+        restart = driver.motion.reinitialise()
+        in_time_ns = first.earliest_ns + most * SLOWEST * TICK_NS
+        driver.motion.taken_in_time(restart, in_time_ns, "half of the motion")
         place = driver.client.position()
-        furthest = int((taken.latest_ns - first.earliest_ns) / TICK_NS / SLOWEST) + 1
+        furthest = int((restart.taken.latest_ns - first.earliest_ns) / TICK_NS / SLOWEST) + 1
         furthest += driver.limits.braking(SLOWEST) + driver.limits.allowance(SLOWEST)
         session.expect(
             abs(place - start) <= min(most, furthest),

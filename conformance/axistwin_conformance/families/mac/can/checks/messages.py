@@ -182,6 +182,7 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
     does it put that message off."""
     driver = CanDriver(session)
     start = driver.motion.ready()
+    driver.client.target.take_spontaneous()
     exchange = driver.client.within(QUIET_S, 0x00)
     requests = ((0x20,), (0x0F, 0x77), (0x12,), (0x20, 0, 0x01))
     frames = [codec.sync(), *(driver.client.request(*each).frame() for each in requests)]
