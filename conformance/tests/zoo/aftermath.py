@@ -476,3 +476,53 @@ def busy_looks_at_a_refused_target(patch: MonkeyPatch) -> None:
 
     on(patch, 0x13, act)
     wrap(patch, Drive, "is_busy", make)
+
+
+@mutant("MACS-MULTI-02")
+def a_restart_for_all_is_not_obeyed(patch: MonkeyPatch) -> None:
+    """00h to FF is acknowledged, and does nothing."""
+
+    def act(judge: Any_, module: MacSerial, _: bytes, request: Any) -> None:
+        if request.address == GENERAL_ADDRESS and request.command == 0 and request.is_sum_right:
+            module._transmit(module._accepted)
+        else:
+            judge()
+
+    frames(patch, act)
+
+
+@mutant("MACS-REPLY-08")
+def a_frame_for_another_leaves_its_address_in_the_next_answer(patch: MonkeyPatch) -> None:
+    """The address of an answer is that of the frame before where that was for somebody else."""
+    others: list[bytes] = []
+
+    def act(judge: Any_, module: MacSerial, frame: bytes, request: Any) -> None:
+        if request.address not in (module.address, GENERAL_ADDRESS):
+            others[:] = [frame[4:6]]
+        judge()
+
+    def make_concerns(concerns: Any_) -> Any_:
+        def concerning(module: MacSerial, request: Any) -> bool:
+            if request.address is not None and request.address not in (
+                module.address,
+                GENERAL_ADDRESS,
+            ):
+                others[:] = [b"%02X" % request.address]
+            return bool(concerns(module, request))
+
+        return concerning
+
+    def make_transmit(transmit: Any_) -> Any_:
+        def transmitting(module: MacSerial, data: bytes) -> None:
+            if len(data) == 21 and others:
+                data = data[:6] + others.pop() + data[8:]
+                data = data[:17] + b"%02X" % (sum(data[6:17]) & 0xFF) + data[19:]
+            transmit(module, data)
+
+        return transmitting
+
+    frames(patch, act)
+    wrap(patch, MacSerial, "_concerns", make_concerns)
+    wrap(patch, MacSerial, "_transmit", make_transmit)
+    wrap(patch, MacSerial, "quiet_prefix", lambda _: lambda module, data: max(0, len(data) - 1))
+    patch.setattr(MacSerial, "heeded_address", lambda module, now: None)

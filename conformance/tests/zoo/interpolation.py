@@ -195,3 +195,28 @@ def a_segment_of_no_period_empties_the_fifo(patch: MonkeyPatch) -> None:
         return bool(go())
 
     on(patch, (0x16, 0x1E), act)
+
+
+@mutant("MACS-STATE-01")
+def a_virtual_segment_locks_nothing(patch: MonkeyPatch) -> None:
+    """02h and 13h are accepted as long as no real segment runs."""
+    is_free = [False]
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        is_free[0] = axis.drive.kind is None
+        return bool(go())
+
+    def act_real(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        is_free[0] = False
+        return bool(go())
+
+    def make(is_locked: Any_) -> Any_:
+        def locking(axis: Axis, index: int, number: int) -> bool:
+            is_open = is_free[0] and axis.drive.kind is State.IN and index < 0x14
+            return bool(is_locked(axis, index, number)) and not is_open
+
+        return locking
+
+    on(patch, 0x1E, act)
+    on(patch, REAL, act_real)
+    wrap(patch, Axis, "is_locked", make)

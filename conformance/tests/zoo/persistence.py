@@ -210,3 +210,39 @@ def the_position_loses_its_sign_at_power_off(patch: MonkeyPatch) -> None:
         return powering_on
 
     wrap(patch, Axis, "power_on", make)
+
+
+@mutant("MACS-CMD-00-01")
+def a_restart_brings_back_what_0bh_has_cleared(patch: MonkeyPatch) -> None:
+    """0Bh moves the origin, which is forgotten over 00h."""
+    origins: dict[int, int] = {}
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        before = axis.drive.counter.at(now)
+        is_taken = bool(go())
+        origins[id(axis)] = origins.get(id(axis), 0) + before
+        return is_taken
+
+    def make(shut_down: Any_) -> Any_:
+        def shutting_down(axis: Axis, now: int) -> None:
+            shut_down(axis, now)
+            origin = origins.pop(id(axis), 0)
+            axis.drive.counter.set(now, axis.drive.counter.at(now) + origin)
+
+        return shutting_down
+
+    on(patch, 0x0B, act)
+    wrap(patch, Axis, "shut_down", make)
+
+
+@mutant("MACS-CMD-00-01", "MACS-PERS-01")
+def a_refused_torque_limit_is_stored(patch: MonkeyPatch) -> None:
+    """0Ch above Imax is refused, and after the next restart it is as if it had been Imax."""
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        is_taken = bool(go())
+        if not is_taken:
+            axis.parameters.store("torque", 0x80)
+        return is_taken
+
+    on(patch, 0x0C, act)

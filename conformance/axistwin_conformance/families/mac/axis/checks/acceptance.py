@@ -512,8 +512,10 @@ def _locked(driver: AxisDriver, values: Mapping[int, int], start: int) -> Iterat
 
 @check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def the_lock_ends_with_the_motion(session: Session) -> None:
-    """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted."""
+    """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted; the
+    lock is there however the motion began."""
     driver = driver_of(session)
+    _locked_however_it_began(driver)
     start = driver.motion.ready(driver.limits.outlasting(100, 0x4000))
     slack_ns = 0 if session.transport.is_virtual else 200_000_000
     before_ns = 40_000_000 + driver.client.target.uncertainty_ns
@@ -529,6 +531,31 @@ def the_lock_ends_with_the_motion(session: Session) -> None:
         driver.judge.accepted(0x0D, driver.motion.period, requirement="MACS-STATE-01")
         driver.judge.accepted(0x13, start, requirement="MACS-CMD-13-01")
         driver.client.wait(0.3 + driver.motion.lasting_s(100))
+
+
+def _locked_however_it_began(driver: AxisDriver) -> None:
+    """A virtual segment locks, and what 11h started, and a turn whose speed has changed: 02h and
+    13h, which are locked in any reading."""
+    period = _slowly(driver)
+    turn, segment = velocity(1, period), segment_parameter(LONG_STEPS, period)
+    way = driver.limits.way_outlasting(LONG_STEPS, period, 6)
+    for rows in (
+        ((0x1E, segment),),
+        ((0x10, 0), (0x13, way), (0x11, 0)),
+        ((0x10, 0), (0x15, turn), (0x11, 0)),
+        ((0x15, turn), (0x15, velocity(1, period // 2 + SLOWEST // 2))),
+    ):
+        start = driver.motion.ready(period)
+        sent = [
+            driver.judge.accepted(index, parameter + start * (index == 0x13))
+            for index, parameter in rows
+        ]
+        over_ns = sent[-1].taken.earliest_ns + LONG_STEPS * period * TICK_NS
+        for index, parameter in ((0x02, 1), (0x13, start)):
+            exchange = driver.client.command(index, parameter)
+            driver.motion.taken_in_time(exchange, over_ns, "the motion")
+            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
+        driver.motion.at_rest()
 
 
 def _short_move(driver: AxisDriver, start: int) -> tuple[int, int]:

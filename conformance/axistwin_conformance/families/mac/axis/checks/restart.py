@@ -9,7 +9,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import (
@@ -88,8 +88,9 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
 
 @check("MACS-PERS-01", "MACS-CMD-00-01", safety=MOVES, level="full")
 def what_was_stored_is_there_after_00h(session: Session) -> None:
-    """Whatever the parameters are, 00h brings up those: all ones, the greater stop below the
-    smaller, the same low byte as before; and a position of either sign."""
+    """Whatever the parameters are, 00h brings up those, and nothing that was refused: all ones, the
+    superior stop below the other, the same low byte as before; and the position, of either sign or
+    cleared."""
     driver = driver_of(session)
     reach = min(25, driver.limits.room() // 2)
     for values, target in zip(STORED, (reach, -reach), strict=True):
@@ -98,11 +99,28 @@ def what_was_stored_is_there_after_00h(session: Session) -> None:
             place = driver.motion.finish(driver.motion.go(target))
         for index, parameter in values.items():
             driver.client.command(index, parameter)
+        _refused_for_their_value(driver)
+        cleared = place if target < 0 and abs(place) <= reach else 0
+        if cleared:
+            driver.judge.accepted(0x0B)
         before = driver.client.parameters()
         driver.motion.reinitialise()
         _judge_parameters(driver, before)
-        found = driver.client.position()
-        session.expect(found == place, "MACS-CMD-00-01", f"position {place}", found)
+        found, wanted = driver.client.position(), 0 if cleared else place
+        session.expect(found == wanted, "MACS-CMD-00-01", f"position {wanted}", found)
+        if cleared:  # back to where the counter was 0
+            driver.motion.ready()
+            driver.motion.finish(driver.motion.go(found - cleared))
+            driver.client.command(0x0B)
+
+
+def _refused_for_their_value(driver: AxisDriver) -> None:
+    """Send values that are refused, or taken for others: what is then in use was stored."""
+    driver.client.command(0x0C, 0xFF)
+    driver.client.command(0x02, 0x02)
+    driver.client.command(0x03, 0x02)
+    if not driver.readings.known("zero_period_0d"):  # or it would be the fastest there is
+        driver.client.command(0x0D, 0)
 
 
 def _judge_parameters(driver: AxisDriver, before: Mapping[int, int]) -> None:
@@ -119,13 +137,15 @@ def _judge_parameters(driver: AxisDriver, before: Mapping[int, int]) -> None:
 
 @check("MACS-CMD-00-01", "MACS-CMD-18-03", "MACS-PERS-01", safety=MOVES, level="full")
 def in_motion_00h_drops_the_motion(session: Session) -> None:
-    """00h during a move or segments: the axis stands, nothing resumes or is locked; what was set
-    meanwhile is kept."""
+    """00h during a move, segments or endless motion: the axis stands, nothing resumes or is locked;
+    what was set meanwhile is kept."""
     driver = driver_of(session)
     # Seven exchanges after the first command, and a wait, the module has surely taken 00h over.
     most = 60 + driver.limits.steps_outlasting(SLOWEST, 7)
     driver.limits.needs_room(2 * most, "a motion that 00h comes in time for")
-    for begin in ((0x13, 2 * most), (0x16, segment_parameter(most, SLOWEST))):
+    for begin in (
+        (0x13, 2 * most), (0x16, segment_parameter(most, SLOWEST)), (0x15, velocity(1, SLOWEST)),
+    ):  # fmt: skip
         start, own = driver.motion.ready(SLOWEST), driver.client.parameters()
         index, parameter = begin
         sent = start + parameter if index == 0x13 else parameter

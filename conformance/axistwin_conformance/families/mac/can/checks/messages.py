@@ -184,7 +184,7 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
     start = driver.motion.ready()
     driver.client.target.take_spontaneous()
     exchange = driver.client.within(QUIET_S, 0x00)
-    requests = ((0x20,), (0x0F, 0x77), (0x12,), (0x20, 0, 0x01))
+    requests = ((0x20,), (0x0F, 0x77), (0x12,), (0x20, 0, 0x01), (0x00,))
     frames = [codec.sync(), *(driver.client.request(*each).frame() for each in requests)]
     if not session.envelope.is_guarded:
         frames.append(driver.client.request(0x13, start + 500).frame())

@@ -22,6 +22,7 @@ from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.parameters import settings_of, values_of
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.checks.line import speaks_for_itself
 from axistwin_conformance.families.mac.serial.codec import ETX, STX, SerialRequest
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
 
@@ -282,9 +283,10 @@ def digits_printed_x_have_no_effect_in_queries(session: Session) -> None:
             driver.judge.reading("dont_care_digits", outcome)
 
 
-@check("MACS-FRAME-07", "MACS-REPLY-13")
+@check("MACS-FRAME-07", "MACS-REPLY-13", "MACS-REPLY-08")
 def only_its_own_address_and_ff_reach_it(session: Session) -> None:
-    """No frame for another individual address, nor for 80h..FEh, gets a reply."""
+    """No frame for another individual address, nor for 80h..FEh, gets a reply, and the next answer
+    carries the own one."""
     driver = SerialDriver(session)
     taken = {session.address, *session.neighbours}
     others = [address for address in range(0xFF) if address not in taken]
@@ -298,7 +300,7 @@ def only_its_own_address_and_ff_reach_it(session: Session) -> None:
         hint = "" if is_silent or address >= 0x80 else unknown_module_at(driver.client, address)
         wanted, came = driver.client.wanted(ReplyKind.SILENCE), driver.client.observed(exchange)
         session.expect(is_silent, names, wanted, came, hint)
-    driver.judge.alive()
+        speaks_for_itself(driver)
 
 
 @check("MACS-FRAME-08", "MACS-Q-XX-02")

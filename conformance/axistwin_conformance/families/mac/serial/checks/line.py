@@ -48,6 +48,8 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
             *driver.client.nacked_alone(driver.client.request(0x20)),  # not even a Nack
             driver.client.request(0x13, start + 500),
             driver.client.request(0x0F, 0x77),
+            driver.client.request(0x00),  # nor does it begin anew
+            *([] if session.neighbours else [driver.client.to_all(0x20)]),
         )
     )
     last_ns = deaf_until_ns - 100_000_000 - round((POLL_S + session.target.line_s) * 1e9)
@@ -227,7 +229,8 @@ def _locked_for_all(driver: SerialDriver) -> None:
 )
 def a_module_alone_obeys_the_general_address(session: Session) -> None:
     """10h to FF holds the next move back, 11h to FF starts it, 0Fh to FF is stored, but not in an
-    endless motion, which 18h to FF ends; whether anything is replied is another matter."""
+    endless motion, which 18h to FF ends, and 00h to FF restarts the module; whether anything is
+    replied is another matter."""
     driver = SerialDriver(session)
     start = driver.motion.ready()
     for index, parameter in ((0x0F, 1), (0x10, 0)):
@@ -253,6 +256,13 @@ def a_module_alone_obeys_the_general_address(session: Session) -> None:
     place = driver.client.position()
     held = is_held(driver, place)
     session.expect(held, "MACS-MULTI-02", f"at {place} after 18h to FF", driver.client.position())
+    restart = general(driver, 0x00)
+    lost = driver.client.send(driver.client.request(0x20), POLL_S)
+    deaf_ns = restart.taken.earliest_ns + round(driver.motion.deaf_surely_s * 1e9)
+    driver.motion.taken_in_time(lost, deaf_ns, "the deafness")
+    driver.judge.must(ReplyKind.SILENCE, lost, "MACS-MULTI-02")
+    driver.motion.wait_awake()
+    speaks_for_itself(driver)
 
 
 def _judge_general_reply(driver: SerialDriver, reply: codec.SerialReply) -> None:
