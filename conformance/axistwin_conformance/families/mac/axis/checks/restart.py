@@ -18,7 +18,11 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
     Course,
     ramp_increments,
 )
-from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES, PARAMETERS
+from axistwin_conformance.families.mac.axis.parameters import (
+    PARAMETER_QUERIES,
+    PARAMETERS,
+    values_of,
+)
 from axistwin_conformance.families.mac.axis.probes.motion import cleared_in_a_move
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
@@ -137,45 +141,67 @@ def _judge_parameters(driver: AxisDriver, before: Mapping[int, int]) -> None:
 
 @check("MACS-CMD-00-01", "MACS-CMD-18-03", "MACS-PERS-01", safety=MOVES, level="full")
 def in_motion_00h_drops_the_motion(session: Session) -> None:
-    """00h during a move, segments or endless motion: the axis stands, nothing resumes or is locked;
-    what was set meanwhile is kept."""
+    """00h during a move or segments: the axis stands, nothing resumes or is locked; what was set
+    meanwhile is kept."""
     driver = driver_of(session)
+    most = _outlasting_00h(driver)
+    for begin in ((0x13, 2 * most), (0x16, segment_parameter(most, SLOWEST))):
+        _dropped_by_00h(driver, *begin, most)
+
+
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", "MACS-PERS-01", safety=MOVES, level="full")
+def in_endless_motion_00h_drops_it(session: Session) -> None:
+    """00h in endless motion: the axis stands, nothing resumes or is locked; what was set meanwhile
+    is kept."""
+    driver = driver_of(session)
+    _dropped_by_00h(driver, 0x15, velocity(1, SLOWEST), _outlasting_00h(driver))
+
+
+def _outlasting_00h(driver: AxisDriver) -> int:
+    """Increments at the slowest speed, twice as many as are made until 00h is surely taken over."""
     # Seven exchanges after the first command, and a wait, the module has surely taken 00h over.
     most = 60 + driver.limits.steps_outlasting(SLOWEST, 7)
     driver.limits.needs_room(2 * most, "a motion that 00h comes in time for")
-    for begin in (
-        (0x13, 2 * most), (0x16, segment_parameter(most, SLOWEST)), (0x15, velocity(1, SLOWEST)),
-    ):  # fmt: skip
-        start, own = driver.motion.ready(SLOWEST), driver.client.parameters()
-        index, parameter = begin
-        sent = start + parameter if index == 0x13 else parameter
-        first = driver.client.command(index, sent).taken
-        driver.client.command(index, sent)
-        wanted = _set_meanwhile(driver, own)
-        driver.client.wait(0.2)
-        driver.client.command(0x10)  # it would hold the next motion back
-        restart = driver.motion.reinitialise()
-        in_time_ns = first.earliest_ns + most * SLOWEST * TICK_NS
-        driver.motion.taken_in_time(restart, in_time_ns, "half of the motion")
-        place = driver.client.position()
-        furthest = int((restart.taken.latest_ns - first.earliest_ns) / TICK_NS / SLOWEST) + 1
-        furthest += driver.limits.braking(SLOWEST) + driver.limits.allowance(SLOWEST)
-        session.expect(
-            abs(place - start) <= min(most, furthest),
-            "MACS-CMD-00-01",
-            f"motion dropped at once: at most {furthest} increments made",
-            f"{place - start}",
-        )
-        driver.client.wait(0.5)
-        session.expect(
-            driver.client.position() == place,
-            ("MACS-CMD-00-01", "MACS-CMD-18-03"),
-            f"at rest at {place}",
-            driver.client.position(),
-        )
-        _judge_kept(driver, wanted, own)
-        driver.judge.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
-        driver.motion.finish(driver.motion.go(start), "MACS-CMD-00-01")
+    return most
+
+
+def _dropped_by_00h(driver: AxisDriver, index: int, parameter: int, most: int) -> None:
+    """Begin that motion, and judge what 00h makes of it, which comes before so many increments."""
+    session, start = driver.session, driver.motion.ready(SLOWEST)
+    own = _settings(driver)
+    sent = start + parameter if index == 0x13 else parameter
+    first = driver.client.command(index, sent).taken
+    driver.client.command(index, sent)
+    wanted = _set_meanwhile(driver, own)
+    driver.client.wait(0.2)
+    driver.client.command(0x10)  # it would hold the next motion back
+    restart = driver.motion.reinitialise()
+    in_time_ns = first.earliest_ns + most * SLOWEST * TICK_NS
+    driver.motion.taken_in_time(restart, in_time_ns, "half of the motion")
+    place = driver.client.position()
+    furthest = int((restart.taken.latest_ns - first.earliest_ns) / TICK_NS / SLOWEST) + 1
+    furthest += driver.limits.braking(SLOWEST) + driver.limits.allowance(SLOWEST)
+    session.expect(
+        abs(place - start) <= min(most, furthest),
+        "MACS-CMD-00-01",
+        f"motion dropped at once: at most {furthest} increments made",
+        f"{place - start}",
+    )
+    driver.client.wait(0.5)
+    session.expect(
+        driver.client.position() == place,
+        ("MACS-CMD-00-01", "MACS-CMD-18-03"),
+        f"at rest at {place}",
+        driver.client.position(),
+    )
+    _judge_kept(driver, wanted, own)
+    driver.judge.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
+    driver.motion.finish(driver.motion.go(start), "MACS-CMD-00-01")
+
+
+def _settings(driver: AxisDriver) -> dict[int, int]:
+    """The parameters that 25h and 26h show."""
+    return values_of({query: driver.client.value(query) for query in (0x25, 0x26)})
 
 
 def _set_meanwhile(driver: AxisDriver, own: Mapping[int, int]) -> dict[int, int]:
@@ -190,7 +216,7 @@ def _set_meanwhile(driver: AxisDriver, own: Mapping[int, int]) -> dict[int, int]
 
 def _judge_kept(driver: AxisDriver, wanted: Mapping[int, int], own: Mapping[int, int]) -> None:
     """Judge that what was set in motion was stored, and put back what was there before."""
-    kept = driver.client.parameters()
+    kept = _settings(driver)
     modes = {index for index in MODES if driver.readings.known("persist_modes")}
     for index in wanted.keys() - modes:
         words = f"{driver.client.named(index)} {wanted[index]:02X}, set in motion, kept"
