@@ -194,7 +194,7 @@ def _dropped_by_00h(driver: AxisDriver, index: int, parameter: int, most: int) -
         f"at rest at {place}",
         driver.client.position(),
     )
-    _judge_kept(driver, wanted, own)
+    _judge_kept(driver, wanted)
     driver.judge.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
     driver.motion.finish(driver.motion.go(start), "MACS-CMD-00-01")
 
@@ -214,16 +214,14 @@ def _set_meanwhile(driver: AxisDriver, own: Mapping[int, int]) -> dict[int, int]
     return {index: wanted[index] for index in wanted if kinds[index] is ReplyKind.ACCEPTED}
 
 
-def _judge_kept(driver: AxisDriver, wanted: Mapping[int, int], own: Mapping[int, int]) -> None:
-    """Judge that what was set in motion was stored, and put back what was there before."""
+def _judge_kept(driver: AxisDriver, wanted: Mapping[int, int]) -> None:
+    """Judge that what was set in motion was stored."""
     kept = _settings(driver)
     modes = {index for index in MODES if driver.readings.known("persist_modes")}
     for index in wanted.keys() - modes:
         words = f"{driver.client.named(index)} {wanted[index]:02X}, set in motion, kept"
         seen = f"{kept[index]:02X}"
         driver.session.expect(kept[index] == wanted[index], "MACS-PERS-01", words, seen)
-    for index in wanted:
-        driver.client.command(index, PARAMETERS[index].parameter(own[index]))
 
 
 def _one_off(value: int) -> int:
