@@ -416,6 +416,7 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
         driver.client.wait(RESUMES_S)
         again = driver.client.position()
         session.expect(again == place, names, f"at rest at {place}", again)
+        driver.motion.disarm()
     _judge_as_before(driver, stored, _after_a_restart(driver))
 
 

@@ -252,7 +252,9 @@ def _refused_behind_segments(driver: AxisDriver) -> int:
     forecast = driver.motion.feed(start, segment, segment)
     for index in (0x16, 0x1E):
         driver.judge.refused(index, segment_parameter(WAIT_STEPS, 0), requirement="MACS-REPLY-05")
-    return driver.motion.finish(forecast, "MACS-REPLY-05")
+    place = driver.motion.finish(forecast, "MACS-REPLY-05")
+    driver.motion.at_rest()  # out of the error of a store that has run empty (MACS-AMB-40)
+    return place
 
 
 @check("MACS-CMD-17-02", safety=MOVES)
