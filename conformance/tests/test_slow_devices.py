@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from interfaces import PLAIN, judged_behind
 from sweeping.faults import Fault, When
 from sweeping.runs import Setting
 from sweeping.sweeps import FaultSweep
+from zoo.commands import what_comes_while_it_starts_begins_the_time_anew
 
 from axistwin_conformance.base.line_quality import LineQuality
 from axistwin_conformance.transport.kinds import BUS, LINE
@@ -62,3 +64,14 @@ def test_who_is_silent_to_one_command_alone_fails_on_a_bus_too() -> None:
     """What others say unasked meanwhile was taken for its reply, and it for one that was lost."""
     status, sentence = judged(Fault("effect", "none, no reply", kinds=("d18",)), "mac23-can")
     assert status == 1, sentence
+
+
+def test_who_answers_behind_a_silence_only_is_not_lost() -> None:
+    """Polled, it never gets out of its start: left alone it does, and the rest of it is judged."""
+    with what_comes_while_it_starts_begins_the_time_anew.plant():
+        names = ("after_00h_it_is_deaf_for_two_seconds", "MACS-FRAME-05")
+        run = judged_behind(PLAIN, *names, level="full")
+    failed = {one.requirement.id for one in run.result.requirements if one.verdict == "fail"}
+    assert run.result.exit_status == 1, run.result.sentence
+    assert failed == {"MACS-CMD-00-02"}
+    assert not run.result.problems

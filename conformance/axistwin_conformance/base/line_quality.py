@@ -15,7 +15,8 @@ or wrong for longer than `SILENCE_LIMIT_S`, with more bad replies in a row than 
 line, is gone, babbles, or has become another one: the next exchange raises `TargetError`.  So it
 does after `LONGEST_LIMIT_S` and as many bad replies in a row as one exchange is tried, however
 noisy the line.  A device of which something has come meanwhile may be slow, and is waited for
-before it is given up (`Session.is_believed`).
+before it is given up (`Session.is_believed`).  One that is silent was never left alone until then:
+each question may have put off the answer to the next, so it is asked once more behind a silence.
 """
 
 from __future__ import annotations
@@ -126,11 +127,17 @@ class SilenceLimit:
     silent: int = 0  # of these
     since_ns: int = 0
     patient_tries: int = PATIENT_TRIES  # left; a device that was given up has none
+    is_left_alone: bool = False  # it was, for `SILENCE_LIMIT_S`, and is silent all the same
 
     @property
     def may_be_slow(self) -> bool:
         """True for a device that is worth being waited for longer: mostly there was silence."""
-        return self.patient_tries > 0 and 2 * self.silent > self.bad
+        return self.patient_tries > 0 and self.is_mostly_silent
+
+    @property
+    def is_mostly_silent(self) -> bool:
+        """True if more often nothing came than something wrong."""
+        return 2 * self.silent > self.bad
 
     @property
     def is_patient(self) -> bool:
@@ -141,6 +148,7 @@ class SilenceLimit:
         """A reply was as it should be."""
         self.bad = self.silent = 0
         self.patient_tries = PATIENT_TRIES
+        self.is_left_alone = False
 
     def tried(self, now_ns: int, needed: int, *, is_silence: bool) -> None:
         """A reply was bad, or there was none; raises TargetError if that has lasted too long.

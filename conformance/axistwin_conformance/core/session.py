@@ -277,16 +277,21 @@ class Session:
 
     def _count_bad(self, reply: bytes) -> None:
         """Count a bad reply.  A device that would be given up, but has said something while nobody
-        listened for its reply, may be slow: from then on it is waited for longer."""
+        listened for its reply, may be slow: from then on it is waited for longer.  A silent one is
+        left alone once: each question may have put the next answer off."""
         limit, transport = self.run.silence_limit, self.transport
         try:
             limit.tried(transport.now_ns, self.run.quality.bad_when_lost, is_silence=not reply)
         except TargetError:
-            if not (limit.may_be_slow and transport.transcript.has_come(limit.since_ns)):
+            if limit.may_be_slow and transport.transcript.has_come(limit.since_ns):
+                limit.patient_tries -= 1
+                self.run.late_s = SILENCE_LIMIT_S
+            elif limit.is_mostly_silent and not limit.is_left_alone:
+                limit.is_left_alone = True
+                transport.wait(SILENCE_LIMIT_S)
+            else:
                 self.run.late_s = 0.0 if limit.is_patient else self.run.late_s
                 raise
-            limit.patient_tries -= 1
-            self.run.late_s = SILENCE_LIMIT_S
 
     def note_broken_reply(self, heard: bytes) -> None:
         """Take note of what came broken and cannot be asked for again: the attempt is void, or,

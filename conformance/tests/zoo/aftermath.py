@@ -433,3 +433,96 @@ def a_refused_stop_is_in_force_after_a_restart(patch: MonkeyPatch) -> None:
         return accepted
 
     on(patch, 0x0A, act)
+
+
+@mutant("MACS-STATE-01")
+def what_is_for_all_knows_no_lock(patch: MonkeyPatch) -> None:
+    """A parameter that motion locks is stored in motion if the frame is for FF."""
+    is_general = [False]
+
+    def act(judge: Any_, _: MacSerial, __: bytes, request: Any) -> None:
+        is_general[0] = request.address == GENERAL_ADDRESS
+        judge()
+
+    def make(is_locked: Any_) -> Any_:
+        def locking(axis: Axis, index: int, number: int) -> bool:
+            is_free = is_general[0] and index < 0x10
+            return bool(is_locked(axis, index, number)) and not is_free
+
+        return locking
+
+    frames(patch, act)
+    wrap(patch, Axis, "is_locked", make)
+
+
+@mutant("MACS-REPLY-05")
+def busy_looks_at_a_refused_target(patch: MonkeyPatch) -> None:
+    """The target of a 13h that is refused is that of busy until the next motion."""
+    refused: list[int] = []
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        was_moving = target_of(axis.drive) is not None
+        is_taken = bool(go())
+        refused[:] = [_signed(number)] if was_moving and not is_taken else []
+        return is_taken
+
+    def make(is_busy: Any_) -> Any_:
+        def looking(drive: Drive, now: int) -> bool:
+            if refused and target_of(drive) is not None:
+                return abs(drive.counter.at(now) - refused[0]) > drive._values["tolerance"]
+            return bool(is_busy(drive, now))
+
+        return looking
+
+    on(patch, 0x13, act)
+    wrap(patch, Drive, "is_busy", make)
+
+
+@mutant("MACS-MULTI-02")
+def a_restart_for_all_is_not_obeyed(patch: MonkeyPatch) -> None:
+    """00h to FF is acknowledged, and does nothing."""
+
+    def act(judge: Any_, module: MacSerial, _: bytes, request: Any) -> None:
+        if request.address == GENERAL_ADDRESS and request.command == 0 and request.is_sum_right:
+            module._transmit(module._accepted)
+        else:
+            judge()
+
+    frames(patch, act)
+
+
+@mutant("MACS-REPLY-08")
+def a_frame_for_another_leaves_its_address_in_the_next_answer(patch: MonkeyPatch) -> None:
+    """The address of an answer is that of the frame before where that was for somebody else."""
+    others: list[bytes] = []
+
+    def act(judge: Any_, module: MacSerial, frame: bytes, request: Any) -> None:
+        if request.address not in (module.address, GENERAL_ADDRESS):
+            others[:] = [frame[4:6]]
+        judge()
+
+    def make_concerns(concerns: Any_) -> Any_:
+        def concerning(module: MacSerial, request: Any) -> bool:
+            if request.address is not None and request.address not in (
+                module.address,
+                GENERAL_ADDRESS,
+            ):
+                others[:] = [b"%02X" % request.address]
+            return bool(concerns(module, request))
+
+        return concerning
+
+    def make_transmit(transmit: Any_) -> Any_:
+        def transmitting(module: MacSerial, data: bytes) -> None:
+            if len(data) == 21 and others:
+                data = data[:6] + others.pop() + data[8:]
+                data = data[:17] + b"%02X" % (sum(data[6:17]) & 0xFF) + data[19:]
+            transmit(module, data)
+
+        return transmitting
+
+    frames(patch, act)
+    wrap(patch, MacSerial, "_concerns", make_concerns)
+    wrap(patch, MacSerial, "_transmit", make_transmit)
+    wrap(patch, MacSerial, "quiet_prefix", lambda _: lambda module, data: max(0, len(data) - 1))
+    patch.setattr(MacSerial, "heeded_address", lambda module, now: None)

@@ -560,3 +560,21 @@ def nothing_is_locked_in_velocity_motion(patch: MonkeyPatch) -> None:
 def the_ramp_is_locked_at_rest(patch: MonkeyPatch) -> None:
     """0Fh wants the motor unpowered."""
     cells(patch, 0x0F, (State.HD,), "R")
+
+
+@mutant("MACS-CMD-00-02")
+def what_comes_while_it_starts_begins_the_time_anew(patch: MonkeyPatch) -> None:
+    """The module is deaf until nothing has come for 2 s."""
+
+    def make(receive: Any_) -> Any_:
+        def receiving(module: MacSerial, chunk: Any) -> Any:
+            if chunk.start_ns < module._boot_end < 1 << 61:
+                module._boot_end = chunk.start_ns + module._boot_ns
+                module._hear_nothing(module._boot_end)
+                module._reschedule()
+            return receive(module, chunk)
+
+        return receiving
+
+    wrap(patch, MacSerial, "receive", make)
+    wrap(patch, MacSerial, "quiet_prefix", lambda _: lambda module, data: max(0, len(data) - 1))

@@ -7,7 +7,7 @@ from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.axis.drive import Drive
 from axistwin.devices.mac.axis.parameters import Parameters
 from axistwin.devices.mac.serial import device as serial
-from zoo.mutant import Any_, MonkeyPatch, answers, mutant, on, setter, wrap
+from zoo.mutant import Any_, MonkeyPatch, answers, mutant, on, setter, target_of, wrap
 
 
 def _signed(number: int, bits: int = 32) -> int:
@@ -162,3 +162,13 @@ def each_power_off_loses_an_increment(patch: MonkeyPatch) -> None:
         return powering_on
 
     wrap(patch, Axis, "power_on", make)
+
+
+@mutant("MACS-CMD-13-02")
+def a_move_to_where_it_goes_anyway_is_accepted(patch: MonkeyPatch) -> None:
+    """13h during 13h is accepted, and changes nothing, if its target is the same."""
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        return target_of(axis.drive) == number - (number >> 31 << 32) or bool(go())
+
+    on(patch, 0x13, act)

@@ -437,3 +437,20 @@ def a_character_counts_as_0_in_the_new_address(patch: MonkeyPatch) -> None:
 def a_character_counts_as_0_in_15h(patch: MonkeyPatch) -> None:
     """15h takes what is no digit for 0."""
     patch.setitem(SIGNIFICANT, 0x15, 0)
+
+
+@mutant("MACS-FRAME-01")
+def a_frame_of_13_characters_passes_under_their_sum(patch: MonkeyPatch) -> None:
+    """Etx ends a frame; one character short, and its sum right, it counts as with a 0 in front."""
+    _frames_end_with_etx(patch)
+    take_apart = framing.take_apart
+
+    def whole(frame: bytes) -> bytes:
+        summed = frame[4:-3]
+        if len(frame) != 20 or HEX[sum(summed) & 0xFF] != frame[-3:-1]:
+            return frame if len(frame) == 21 else frame[:4].ljust(21, b"0")
+        padded = summed[:6] + b"0" + summed[6:]
+        return frame[:4] + padded + HEX[sum(padded) & 0xFF] + frame[-1:]
+
+    everywhere(patch, take_apart, lambda frame, any_case: take_apart(whole(frame), any_case))
+    frames(patch, lambda judge, module, frame, request: judge(whole(frame), request))

@@ -183,3 +183,40 @@ def an_empty_fifo_loses_a_step(patch: MonkeyPatch) -> None:
         return bool(go(_word(steps - 1, n) if has_run and steps > 1 else n))
 
     on(patch, REAL, act)
+
+
+@mutant("MACS-REPLY-05")
+def a_segment_of_no_period_empties_the_fifo(patch: MonkeyPatch) -> None:
+    """16h or 1Eh with VVVV = 0 is refused, and what is stored is dropped."""
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        if number & 0xFFFF == 0 and axis.drive.kind is State.IN:
+            axis.drive.stop_segments(now, after_this_one=True)
+        return bool(go())
+
+    on(patch, (0x16, 0x1E), act)
+
+
+@mutant("MACS-STATE-01")
+def a_virtual_segment_locks_nothing(patch: MonkeyPatch) -> None:
+    """02h and 13h are accepted as long as no real segment runs."""
+    is_free = [False]
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        is_free[0] = axis.drive.kind is None
+        return bool(go())
+
+    def act_real(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        is_free[0] = False
+        return bool(go())
+
+    def make(is_locked: Any_) -> Any_:
+        def locking(axis: Axis, index: int, number: int) -> bool:
+            is_open = is_free[0] and axis.drive.kind is State.IN and index < 0x14
+            return bool(is_locked(axis, index, number)) and not is_open
+
+        return locking
+
+    on(patch, 0x1E, act)
+    on(patch, REAL, act_real)
+    wrap(patch, Axis, "is_locked", make)

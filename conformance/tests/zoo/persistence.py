@@ -108,3 +108,141 @@ def arm_and_preload_survive_a_restart(patch: MonkeyPatch) -> None:
         return shutting_down
 
     wrap(patch, Axis, "shut_down", make)
+
+
+def _loaded(patch: MonkeyPatch, change: Any_) -> None:
+    """Let `change(parameters)` be done to what a start-up has read."""
+
+    def make(read: Any_) -> Any_:
+        def reading(parameters: Parameters) -> None:
+            read(parameters)
+            change(parameters)
+
+        return reading
+
+    wrap(patch, Parameters, "read_stored", make)
+
+
+@mutant("MACS-PERS-01", "MACS-CMD-00-01")
+def the_greater_stop_is_the_superior_at_start_up(patch: MonkeyPatch) -> None:
+    """Software stops that are stored the wrong way round are exchanged when they are read."""
+
+    def change(parameters: Parameters) -> None:
+        low, high = sorted(parameters.values[name] for name in ("inferior_stop", "superior_stop"))
+        parameters.values.update(inferior_stop=low, superior_stop=high)
+
+    _loaded(patch, change)
+
+
+@mutant("MACS-PERS-01", "MACS-CMD-00-01")
+def all_ones_are_an_erased_cell(patch: MonkeyPatch) -> None:
+    """A period, ramp or catch-up speed of all ones comes up as from the factory."""
+
+    def change(parameters: Parameters) -> None:
+        for name, ones in (("period", 0xFFFF), ("ramp", 0xFF), ("catchup", 0xFF)):
+            if parameters.values[name] == ones:
+                parameters.values[name] = parameters._factory[name]
+
+    _loaded(patch, change)
+
+
+@mutant("MACS-PERS-01", "MACS-CMD-00-01")
+def what_differs_above_its_low_byte_is_not_written(patch: MonkeyPatch) -> None:
+    """To spare the EEPROM a value is compared with the stored one, by its low byte."""
+
+    def make(store: Any_) -> Any_:
+        def storing(parameters: Parameters, name: str, value: int) -> None:
+            if (parameters.stored[name] ^ value) & 0xFF:
+                store(parameters, name, value)
+
+        return storing
+
+    wrap(patch, Parameters, "store", make)
+
+
+@mutant("MACS-PERS-01")
+def the_torque_limit_set_in_a_move_is_not_stored(patch: MonkeyPatch) -> None:
+    """0Ch during 13h counts until the next restart."""
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        stored, was_moving = axis.parameters.stored["torque"], axis.drive.kind is State.PO
+        is_taken = bool(go())
+        if was_moving:
+            axis.parameters.store("torque", stored)
+        return is_taken
+
+    on(patch, 0x0C, act)
+
+
+@mutant("MACS-PERS-01")
+def a_second_passes_before_a_parameter_is_written(patch: MonkeyPatch) -> None:
+    """What was set less than a second before the supply goes is lost."""
+    told: list[tuple[int, dict[str, int]]] = []
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        told[:] = [one for one in told if now - one[0] < 1_000_000_000]
+        told.append((now, dict(axis.parameters.stored)))
+        return bool(go())
+
+    def make(power_off: Any_) -> Any_:
+        def powering_off(axis: Axis, now: int) -> None:
+            late = [one for one in told if now - one[0] < 1_000_000_000]
+            for name, value in late[0][1].items() if late else ():
+                if name != "position":
+                    axis.parameters.store(name, value)
+            power_off(axis, now)
+
+        return powering_off
+
+    on(patch, (0x09, 0x0A, 0x0C, 0x0D, 0x0E, 0x0F), act)
+    wrap(patch, Axis, "power_off", make)
+
+
+@mutant("MACS-Q-20-02", "MACS-PERS-01")
+def the_position_loses_its_sign_at_power_off(patch: MonkeyPatch) -> None:
+    """The counter is saved without its sign."""
+
+    def make(power_on: Any_) -> Any_:
+        def powering_on(axis: Axis, now: int) -> None:
+            power_on(axis, now)
+            axis.drive.counter.set(now, abs(axis.drive.counter.at(now)))
+
+        return powering_on
+
+    wrap(patch, Axis, "power_on", make)
+
+
+@mutant("MACS-CMD-00-01")
+def a_restart_brings_back_what_0bh_has_cleared(patch: MonkeyPatch) -> None:
+    """0Bh moves the origin, which is forgotten over 00h."""
+    origins: dict[int, int] = {}
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        before = axis.drive.counter.at(now)
+        is_taken = bool(go())
+        origins[id(axis)] = origins.get(id(axis), 0) + before
+        return is_taken
+
+    def make(shut_down: Any_) -> Any_:
+        def shutting_down(axis: Axis, now: int) -> None:
+            shut_down(axis, now)
+            origin = origins.pop(id(axis), 0)
+            axis.drive.counter.set(now, axis.drive.counter.at(now) + origin)
+
+        return shutting_down
+
+    on(patch, 0x0B, act)
+    wrap(patch, Axis, "shut_down", make)
+
+
+@mutant("MACS-CMD-00-01", "MACS-PERS-01")
+def a_refused_torque_limit_is_stored(patch: MonkeyPatch) -> None:
+    """0Ch above Imax is refused, and after the next restart it is as if it had been Imax."""
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        is_taken = bool(go())
+        if not is_taken:
+            axis.parameters.store("torque", 0x80)
+        return is_taken
+
+    on(patch, 0x0C, act)

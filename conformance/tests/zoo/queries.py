@@ -215,3 +215,18 @@ def one_unassigned_query_answers(patch: MonkeyPatch) -> None:
         judge(frame, request._replace(command=0x24) if request.command == 0x2F else request)
 
     frames(patch, act)
+
+
+@mutant("MACS-Q-29-01")
+def the_first_reading_of_eeprom_behind_one_of_ram_reads_ram(patch: MonkeyPatch) -> None:
+    """The pointer of 28h is still set when the next 29h reads."""
+    is_left = [False]
+
+    def make(memory: Any_) -> Any_:
+        def reading(axis: Axis, now: int, *, ram: bool) -> Any:
+            is_wrong, is_left[0] = is_left[0] and not ram, ram
+            return memory(axis, now, ram=ram or is_wrong)
+
+        return reading
+
+    wrap(patch, Axis, "memory", make)

@@ -298,3 +298,51 @@ def a_move_is_acknowledged_when_it_is_over(patch: MonkeyPatch) -> None:
         return spanning
 
     wrap(patch, MacSerial, "_reply_span", make)
+
+
+@mutant("MACS-REPLY-08")
+def the_address_of_an_answer_is_decimal(patch: MonkeyPatch) -> None:
+    """The module tells its address as a decimal number."""
+    replies(
+        patch,
+        lambda data, module: (
+            _summed(data[:6] + b"%02d" % (module.address % 100) + data[8:])
+            if len(data) == 21
+            else data
+        ),
+    )
+
+
+@mutant("MACS-REPLY-08")
+def the_first_answer_behind_a_command_to_all_is_of_ff(patch: MonkeyPatch) -> None:
+    """The address to answer with is set by each frame but a query to the module itself, which takes
+    it over once."""
+    is_next = [False]
+
+    def act(judge: Any_, _: MacSerial, __: bytes, request: Any) -> None:
+        if request.address == 0xFF and (request.command or 0x20) < 0x20:
+            is_next[0] = True
+        judge()
+
+    def change(data: bytes, _: MacSerial) -> bytes:
+        if len(data) != 21 or data[6:8] == b"FF" or not is_next[0]:
+            return data
+        is_next[0] = False
+        return _summed(data[:6] + b"FF" + data[8:])
+
+    frames(patch, act)
+    replies(patch, change)
+
+
+@mutant("MACS-REPLY-12")
+def a_minute_of_silence_sends_it_to_sleep(patch: MonkeyPatch) -> None:
+    """The first frame after a minute without any wakes the module up, and is lost."""
+    heard_ns = [0]
+
+    def act(judge: Any_, module: MacSerial, _: bytes, __: Any) -> None:
+        is_asleep = module._etx_ns - heard_ns[0] > 60_000_000_000
+        heard_ns[0] = module._etx_ns
+        if not is_asleep:
+            judge()
+
+    frames(patch, act)

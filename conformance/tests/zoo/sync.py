@@ -109,3 +109,37 @@ def a_preloaded_speed_is_lost_in_segments(patch: MonkeyPatch) -> None:
         return bool(go())
 
     on(patch, 0x11, act)
+
+
+@mutant("MACS-CMD-13-02")
+def an_arm_in_motion_opens_the_lock(patch: MonkeyPatch) -> None:
+    """Whether 10h holds a move back is looked at before the lock: armed, 13h passes in motion."""
+
+    def make(is_locked: Any_) -> Any_:
+        def locking(axis: Axis, index: int, number: int) -> bool:
+            return bool(is_locked(axis, index, number)) and not (index == 0x13 and axis._armed)
+
+        return locking
+
+    wrap(patch, Axis, "is_locked", make)
+
+
+@mutant("MACS-STATE-01")
+def what_11h_starts_locks_nothing(patch: MonkeyPatch) -> None:
+    """The lock is set by 13h and 15h where they start a motion, and not by 11h."""
+    is_free = [False]
+
+    def act(go: Any_, axis: Axis, now: int, number: int) -> bool:
+        is_taken = bool(go())
+        is_free[0] = axis.drive.kind is not None
+        return is_taken
+
+    def make(is_locked: Any_) -> Any_:
+        def locking(axis: Axis, index: int, number: int) -> bool:
+            is_free[0] = is_free[0] and axis.drive.kind is not None
+            return bool(is_locked(axis, index, number)) and not is_free[0]
+
+        return locking
+
+    on(patch, START, act)
+    wrap(patch, Axis, "is_locked", make)

@@ -174,6 +174,19 @@ def _in_the_boot(patch: MonkeyPatch, act: Any_) -> None:
 
 
 @can_mutant("MACC-BOOT-04")
+def what_comes_while_it_starts_puts_its_boot_up_message_off(patch: MonkeyPatch) -> None:
+    """The module is deaf until nothing has come for 2 s."""
+
+    def act(module: MacCan, _: CanFrame, end_ns: int) -> Any:
+        module._boot_end = end_ns + module._boot_ns
+        module._hear_nothing(module._boot_end)
+        module._reschedule()
+        return []
+
+    _in_the_boot(patch, act)
+
+
+@can_mutant("MACC-BOOT-04")
 def it_answers_while_it_starts(patch: MonkeyPatch) -> None:
     """Uploads are answered between reset and boot-up message."""
 

@@ -59,7 +59,8 @@ from axistwin_conformance.engine.plan import Options
 from axistwin_conformance.engine.result import CheckResult
 from axistwin_conformance.transport.transport import Transport
 
-SANITY_PAUSES_S = (0.0, 1.0, 1.5)  # together longer than the 2 s for which a module may be deaf
+# The last is longer than the 2 s for which a module may be deaf, if each question begins them anew.
+SANITY_PAUSES_S = (0.0, 1.0, 2.5)
 
 T = TypeVar("T")
 Opener = Callable[[tuple[int, ...]], Transport]  # neighbours on the line → an open target

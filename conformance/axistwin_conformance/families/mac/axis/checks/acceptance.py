@@ -35,6 +35,7 @@ MOST_EXCHANGES: Final = 60  # in motion, from one start
 MOST_LOCKED: Final = 14  # exchanges while what is locked is tried
 RESUMES_S: Final = 0.2  # after it: what waited for the axis to be at rest would have begun
 STANDS_S: Final = 0.1  # after 17h without a ramp
+NEAR: Final = 40  # increments of tolerance: behind a start, for a while, and not before the end
 SHORT_STEPS: Final = 100  # to run on for so many is waited for at the slowest speed
 
 
@@ -387,11 +388,12 @@ def _interpolate_back(driver: AxisDriver, start: int) -> None:
 
 @check("MACS-REPLY-05", "MACS-CMD-13-02", safety=("motion", "stored"), level="full")
 def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
-    """All that a motion locks is refused in each kind of motion: the parameters stay as they were,
-    the motion goes on, and nothing of it is done when the axis has come to rest."""
+    """All that a motion locks is refused in each kind of motion, armed or not: the parameters stay
+    as they were, the motion goes on, and nothing of it is done when the axis has come to rest."""
     driver = driver_of(session)
     names = ("MACS-REPLY-05", "MACS-CMD-13-02")
     _unassigned_on_the_way(driver)
+    _busy_behind_a_refusal(driver)
     stored = _after_a_restart(driver)
     for state in RUNNING:
         start = driver.motion.ready(_slowly(driver))
@@ -400,6 +402,7 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
         for index, parameter in _locked(driver, before, start):
             if driver.client.command(index, parameter).kind is not ReplyKind.REFUSED:
                 return  # the checks of the lock judge that
+        _refused_wherever_to(driver, start, forecast)
         driver.motion.follow(forecast, names, driver.limits.allowance(driver.motion.period))
         after = driver.client.parameters()
         _judge_as_before(driver, before, after)
@@ -413,7 +416,38 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
         driver.client.wait(RESUMES_S)
         again = driver.client.position()
         session.expect(again == place, names, f"at rest at {place}", again)
+        driver.motion.disarm()
     _judge_as_before(driver, stored, _after_a_restart(driver))
+
+
+def _refused_wherever_to(driver: AxisDriver, start: int, forecast: Forecast) -> None:
+    """A move is refused to where the axis is going already, too, and with 10h before it, which is
+    about a motion from rest."""
+    ends = {timeline.final for timeline in forecast.timelines if forecast.mode == "PO"}
+    end = next((place for place in ends if place is not None), start)
+    for index, parameter in ((0x13, end), (0x10, 0), (0x13, start)):
+        exchange = driver.client.command(index, parameter)
+        driver.motion.taken_in_time(exchange, forecast.steady_until_ns, "the motion")
+        if index == 0x13:
+            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-CMD-13-02")
+
+
+def _busy_behind_a_refusal(driver: AxisDriver) -> None:
+    """A refused target close to the axis does not end busy: the target of the move does."""
+    start = driver.motion.ready(_slowly(driver))
+    if driver.client.command(0x1C, NEAR).kind is not ReplyKind.ACCEPTED:
+        return
+    period = driver.motion.period
+    way = driver.limits.way_outlasting(LONG_STEPS, period, 6)
+    forecast = driver.motion.go(start + way)
+    for index in (0x13, 0x14) if abs(start) <= NEAR // 2 else (0x13,):
+        if driver.client.command(index, start if index == 0x13 else 0).kind is ReplyKind.REFUSED:
+            is_busy = driver.status.is_busy()
+            left = start + way - forecast.bounds(driver.client.ask(0x20).taken)[1]
+            is_far = left > NEAR + driver.limits.allowance(period)
+            wanted = f"busy, {left} increments before the target of the move"
+            driver.session.expect(is_busy or not is_far, "MACS-REPLY-05", wanted, "not busy")
+    driver.motion.at_rest()
 
 
 def _judge_as_before(
@@ -479,8 +513,10 @@ def _locked(driver: AxisDriver, values: Mapping[int, int], start: int) -> Iterat
 
 @check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def the_lock_ends_with_the_motion(session: Session) -> None:
-    """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted."""
+    """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted; the
+    lock is there however the motion began."""
     driver = driver_of(session)
+    _locked_however_it_began(driver)
     start = driver.motion.ready(driver.limits.outlasting(100, 0x4000))
     slack_ns = 0 if session.transport.is_virtual else 200_000_000
     before_ns = 40_000_000 + driver.client.target.uncertainty_ns
@@ -496,6 +532,31 @@ def the_lock_ends_with_the_motion(session: Session) -> None:
         driver.judge.accepted(0x0D, driver.motion.period, requirement="MACS-STATE-01")
         driver.judge.accepted(0x13, start, requirement="MACS-CMD-13-01")
         driver.client.wait(0.3 + driver.motion.lasting_s(100))
+
+
+def _locked_however_it_began(driver: AxisDriver) -> None:
+    """A virtual segment locks, and what 11h started, and a turn whose speed has changed: 02h and
+    13h, which are locked in any reading."""
+    period = _slowly(driver)
+    turn, segment = velocity(1, period), segment_parameter(LONG_STEPS, period)
+    way = driver.limits.way_outlasting(LONG_STEPS, period, 6)
+    for rows in (
+        ((0x1E, segment),),
+        ((0x10, 0), (0x13, way), (0x11, 0)),
+        ((0x10, 0), (0x15, turn), (0x11, 0)),
+        ((0x15, turn), (0x15, velocity(1, period // 2 + SLOWEST // 2))),
+    ):
+        start = driver.motion.ready(period)
+        sent = [
+            driver.judge.accepted(index, parameter + start * (index == 0x13))
+            for index, parameter in rows
+        ]
+        over_ns = sent[-1].taken.earliest_ns + LONG_STEPS * period * TICK_NS
+        for index, parameter in ((0x02, 1), (0x13, start)):
+            exchange = driver.client.command(index, parameter)
+            driver.motion.taken_in_time(exchange, over_ns, "the motion")
+            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
+        driver.motion.at_rest()
 
 
 def _short_move(driver: AxisDriver, start: int) -> tuple[int, int]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Final
+
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
-from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter
+from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.model.kinematics import (
@@ -15,11 +18,24 @@ from axistwin_conformance.families.mac.axis.model.kinematics import (
     Course,
     ramp_increments,
 )
-from axistwin_conformance.families.mac.axis.parameters import PARAMETER_QUERIES, PARAMETERS
+from axistwin_conformance.families.mac.axis.parameters import (
+    PARAMETER_QUERIES,
+    PARAMETERS,
+    values_of,
+)
 from axistwin_conformance.families.mac.axis.probes.motion import cleared_in_a_move
 from axistwin_conformance.families.mac.axis.probing import MOVES
 
 ORDER = 170  # of this module in a run; see `Family.modules`
+
+# What every module takes (§5.10), one set after the other: all bits of the cells, the superior stop
+# below the inferior one; then the same low bytes under other high ones, with other signs.
+STORED: Final = (
+    {0x09: -1, 0x0A: 0x100, 0x0C: 0x7F, 0x0D: 0xFFFF, 0x0E: 0xFF00, 0x0F: 0xFF, 0x1C: 0xFF},
+    {0x09: 0x12FF, 0x0A: -0x12345600, 0x0C: 0x01, 0x0D: 0x7FFF, 0x0E: 0x0100, 0x0F: 0, 0x1C: 0},
+)
+MODES: Final = (0x02, 0x03, 0x1C)  # whether they are stored is open (MACS-AMB-24)
+SET_IN_MOTION: Final = (0x0C, 0x0E, 0x1C)  # what no motion locks
 
 
 @check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES)
@@ -74,59 +90,138 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
     )
 
 
+@check("MACS-PERS-01", "MACS-CMD-00-01", safety=MOVES, level="full")
+def what_was_stored_is_there_after_00h(session: Session) -> None:
+    """Whatever the parameters are, 00h brings up those, and nothing that was refused: all ones, the
+    superior stop below the other, the same low byte as before; and the position, of either sign or
+    cleared."""
+    driver = driver_of(session)
+    reach = min(25, driver.limits.room() // 2)
+    for values, target in zip(STORED, (reach, -reach), strict=True):
+        place = driver.motion.ready()
+        if abs(place) <= reach and driver.limits.fits(target):
+            place = driver.motion.finish(driver.motion.go(target))
+        for index, parameter in values.items():
+            driver.client.command(index, parameter)
+        _refused_for_their_value(driver)
+        cleared = place if target < 0 and abs(place) <= reach else 0
+        if cleared:
+            driver.judge.accepted(0x0B)
+        before = driver.client.parameters()
+        driver.motion.reinitialise()
+        _judge_parameters(driver, before)
+        found, wanted = driver.client.position(), 0 if cleared else place
+        session.expect(found == wanted, "MACS-CMD-00-01", f"position {wanted}", found)
+        if cleared:  # back to where the counter was 0
+            driver.motion.ready()
+            driver.motion.finish(driver.motion.go(found - cleared))
+            driver.client.command(0x0B)
+
+
+def _refused_for_their_value(driver: AxisDriver) -> None:
+    """Send values that are refused, or taken for others: what is then in use was stored."""
+    driver.client.command(0x0C, 0xFF)
+    driver.client.command(0x02, 0x02)
+    driver.client.command(0x03, 0x02)
+    if not driver.readings.known("zero_period_0d"):  # or it would be the fastest there is
+        driver.client.command(0x0D, 0)
+
+
+def _judge_parameters(driver: AxisDriver, before: Mapping[int, int]) -> None:
+    """Judge that what is stored for certain is as before; of the rest that is open (AMB-24)."""
+    after = driver.client.parameters()
+    lost = [index for index in before if after[index] != before[index] and index not in MODES]
+    driver.session.expect(
+        not lost,
+        ("MACS-PERS-01", "MACS-CMD-00-01"),
+        [f"{driver.client.named(index)} {before[index]:X}h kept over 00h" for index in lost],
+        [f"{after[index]:X}h" for index in lost],
+    )
+
+
 @check("MACS-CMD-00-01", "MACS-CMD-18-03", "MACS-PERS-01", safety=MOVES, level="full")
 def in_motion_00h_drops_the_motion(session: Session) -> None:
     """00h during a move or segments: the axis stands, nothing resumes or is locked; what was set
-    amid segments is kept."""
+    meanwhile is kept."""
     driver = driver_of(session)
-    # Six exchanges after the first command, and a wait, the module has surely taken 00h over.
-    most = 60 + driver.limits.steps_outlasting(SLOWEST, 6)
-    driver.limits.needs_room(2 * most, "a motion that 00h comes in time for")
+    most = _outlasting_00h(driver)
     for begin in ((0x13, 2 * most), (0x16, segment_parameter(most, SLOWEST))):
-        start = driver.motion.ready(SLOWEST)
-        index, parameter = begin
-        sent = start + parameter if index == 0x13 else parameter
-        first = driver.client.command(index, sent).taken
-        driver.client.command(index, sent)
-        own = _set_meanwhile(driver) if index == 0x16 else None
-        driver.client.wait(0.2)
-        driver.client.command(0x10)  # it would hold the next motion back
-        taken = driver.motion.reinitialise().taken
-        place = driver.client.position()
-        furthest = int((taken.latest_ns - first.earliest_ns) / TICK_NS / SLOWEST) + 1
-        furthest += driver.limits.braking(SLOWEST) + driver.limits.allowance(SLOWEST)
-        session.expect(
-            abs(place - start) <= min(most, furthest),
-            "MACS-CMD-00-01",
-            f"motion dropped at once: at most {furthest} increments made",
-            f"{place - start}",
-        )
-        driver.client.wait(0.5)
-        session.expect(
-            driver.client.position() == place,
-            ("MACS-CMD-00-01", "MACS-CMD-18-03"),
-            f"at rest at {place}",
-            driver.client.position(),
-        )
-        if own is not None:
-            _judge_kept(driver, own)
-        driver.judge.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
-        driver.motion.finish(driver.motion.go(start), "MACS-CMD-00-01")
+        _dropped_by_00h(driver, *begin, most)
 
 
-def _set_meanwhile(driver: AxisDriver) -> int | None:
-    """Set, in motion, the catch-up speed to a value one off; the value before, if it was taken."""
-    own, catch_up = driver.client.parameter(0x0E), PARAMETERS[0x0E]
-    kind = driver.client.command(0x0E, catch_up.parameter(_one_off(own))).kind
-    return own if kind is ReplyKind.ACCEPTED else None
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", "MACS-PERS-01", safety=MOVES, level="full")
+def in_endless_motion_00h_drops_it(session: Session) -> None:
+    """00h in endless motion: the axis stands, nothing resumes or is locked; what was set meanwhile
+    is kept."""
+    driver = driver_of(session)
+    _dropped_by_00h(driver, 0x15, velocity(1, SLOWEST), _outlasting_00h(driver))
 
 
-def _judge_kept(driver: AxisDriver, own: int) -> None:
-    """Judge that the catch-up speed set in motion was stored, and put the one before back."""
-    wanted, kept = _one_off(own), driver.client.parameter(0x0E)
-    words = f"{driver.client.named(0x0E)} {wanted:02X}, set in motion, kept"
-    driver.session.expect(kept == wanted, "MACS-PERS-01", words, f"{kept:02X}")
-    driver.client.command(0x0E, PARAMETERS[0x0E].parameter(own))
+def _outlasting_00h(driver: AxisDriver) -> int:
+    """Increments at the slowest speed, twice as many as are made until 00h is surely taken over."""
+    # Seven exchanges after the first command, and a wait, the module has surely taken 00h over.
+    most = 60 + driver.limits.steps_outlasting(SLOWEST, 7)
+    driver.limits.needs_room(2 * most, "a motion that 00h comes in time for")
+    return most
+
+
+def _dropped_by_00h(driver: AxisDriver, index: int, parameter: int, most: int) -> None:
+    """Begin that motion, and judge what 00h makes of it, which comes before so many increments."""
+    session, start = driver.session, driver.motion.ready(SLOWEST)
+    own = _settings(driver)
+    sent = start + parameter if index == 0x13 else parameter
+    first = driver.client.command(index, sent).taken
+    driver.client.command(index, sent)
+    wanted = _set_meanwhile(driver, own)
+    driver.client.wait(0.2)
+    driver.client.command(0x10)  # it would hold the next motion back
+    restart = driver.motion.reinitialise()
+    in_time_ns = first.earliest_ns + most * SLOWEST * TICK_NS
+    driver.motion.taken_in_time(restart, in_time_ns, "half of the motion")
+    place = driver.client.position()
+    furthest = int((restart.taken.latest_ns - first.earliest_ns) / TICK_NS / SLOWEST) + 1
+    furthest += driver.limits.braking(SLOWEST) + driver.limits.allowance(SLOWEST)
+    session.expect(
+        abs(place - start) <= min(most, furthest),
+        "MACS-CMD-00-01",
+        f"motion dropped at once: at most {furthest} increments made",
+        f"{place - start}",
+    )
+    driver.client.wait(0.5)
+    session.expect(
+        driver.client.position() == place,
+        ("MACS-CMD-00-01", "MACS-CMD-18-03"),
+        f"at rest at {place}",
+        driver.client.position(),
+    )
+    _judge_kept(driver, wanted)
+    driver.judge.accepted(0x0F, 0, requirement="MACS-CMD-00-01")
+    driver.motion.finish(driver.motion.go(start), "MACS-CMD-00-01")
+
+
+def _settings(driver: AxisDriver) -> dict[int, int]:
+    """The parameters that 25h and 26h show."""
+    return values_of({query: driver.client.value(query) for query in (0x25, 0x26)})
+
+
+def _set_meanwhile(driver: AxisDriver, own: Mapping[int, int]) -> dict[int, int]:
+    """Set, in motion, what it does not lock to values one off; those that were taken."""
+    wanted = {index: _one_off(own[index]) for index in SET_IN_MOTION}
+    kinds = {
+        index: driver.client.command(index, PARAMETERS[index].parameter(value)).kind
+        for index, value in wanted.items()
+    }
+    return {index: wanted[index] for index in wanted if kinds[index] is ReplyKind.ACCEPTED}
+
+
+def _judge_kept(driver: AxisDriver, wanted: Mapping[int, int]) -> None:
+    """Judge that what was set in motion was stored."""
+    kept = _settings(driver)
+    modes = {index for index in MODES if driver.readings.known("persist_modes")}
+    for index in wanted.keys() - modes:
+        words = f"{driver.client.named(index)} {wanted[index]:02X}, set in motion, kept"
+        seen = f"{kept[index]:02X}"
+        driver.session.expect(kept[index] == wanted[index], "MACS-PERS-01", words, seen)
 
 
 def _one_off(value: int) -> int:

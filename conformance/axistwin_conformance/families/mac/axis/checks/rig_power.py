@@ -36,6 +36,10 @@ STORED: Final = {
     0x0E: 0x1D,
     0x0F: 0x37,
 }
+# The superior stop below the inferior one, and all ones, as an erased cell has them.
+EDGES: Final = {0x09: 0xFFFFFFFF, 0x0A: 0x0100, 0x0C: 0x7F, 0x0D: 0xFFFF, 0x0E: 0xFF, 0x0F: 0xFF}
+SET_IN_MOTION: Final = {0x0C: 0x2A, 0x0E: 0x1C}  # what no motion locks
+NEAR_ZERO: Final = 100  # increments from where a place of either sign is gone to
 MODES: Final[tuple[tuple[int, int], ...]] = (
     (0x02, 0),
     (0x03, 9),
@@ -48,11 +52,14 @@ MODE_FIELDS: Final = {0x02: 0xF000, 0x03: 0x0F00, 0x1C: 0x00FF}  # of km dd of 2
 
 @check("MACS-Q-20-02", "MACS-PERS-01", "MACS-PERS-03", safety=WORKED, needs=POWER)
 def the_position_outlives_the_supply(session: Session) -> None:
-    """An axis that was not moved meanwhile is where it was; nothing of its motion is left."""
+    """An axis that was not moved meanwhile is where it was, on either side of 0; nothing of its
+    motion is left."""
     driver = driver_of(session)
     kept = ("MACS-Q-20-02", "MACS-PERS-01")
     for distance in (33, -57):
-        place = driver.motion.finish(driver.motion.go(driver.rig.begin() + distance))
+        start = driver.rig.begin()
+        is_near = abs(start) <= NEAR_ZERO and driver.limits.fits(distance)
+        place = driver.motion.finish(driver.motion.go(distance if is_near else start + distance))
         driver.rig.power_cycle()
         session.expect(
             driver.client.position() == place, kept, f"position {place}", driver.client.position()
@@ -103,22 +110,27 @@ def _kept_seen(index: int, stored: int, seen: int) -> Observation:
 
 @check("MACS-PERS-01", safety=WORKED, needs=POWER)
 def parameters_outlive_the_supply(session: Session) -> None:
-    """Software stops, torque limit, speeds and ramp are the same after a power cycle."""
+    """Software stops, torque limit, speeds and ramp are the same after a power cycle, whatever they
+    are, and when they were set in motion."""
     driver = driver_of(session)
     driver.rig.begin()
-    settings = settings_of(STORED, STORED)
-    for index, parameter in settings.items():
-        driver.judge.accepted(index, parameter)
-    driver.client.wait(STORING_S)
-    driver.rig.power_cycle()
-    for index, parameter in settings.items():
-        seen = PARAMETERS[index].parameter(driver.client.parameter(index))
-        session.expect(
-            seen == parameter,
-            None,
-            f"{parameter} as {index:02X}h has stored it before the cut",
-            partial(_kept_seen, index, parameter, seen),
-        )
+    for values in (STORED, EDGES, SET_IN_MOTION):
+        if values is SET_IN_MOTION:
+            driver.rig.begin()
+            driver.motion.put(driver.limits.segment(40, driver.motion.period, moves=False))
+        settings = settings_of(values, values)
+        for index, parameter in settings.items():
+            driver.judge.accepted(index, parameter)
+        driver.client.wait(STORING_S)
+        driver.rig.power_cycle()
+        for index, parameter in settings.items():
+            seen = PARAMETERS[index].parameter(driver.client.parameter(index))
+            session.expect(
+                seen == parameter,
+                None,
+                f"{parameter} as {index:02X}h has stored it before the cut",
+                partial(_kept_seen, index, parameter, seen),
+            )
 
 
 def _is_settable(driver: AxisDriver, index: int) -> bool:

@@ -139,8 +139,12 @@ class AxisMotion:
         self._client.wait(self.awake_surely_s)
 
     def reinitialise(self) -> AxisExchange:
-        """Send 00h and wait until the module surely listens again."""
-        exchange = self._client.within(QUIET_S, 0x00)
+        """Send 00h and wait until the module surely listens again; where the line may have lost it,
+        from a module that acknowledges it, the attempt is void."""
+        exchange, session = self._client.within(QUIET_S, 0x00), self._session
+        is_heard = exchange.kind is not ReplyKind.SILENCE or session.transport.is_lossless
+        if not is_heard and session.readings.get("reset_reply") == "ack" and session.check:
+            session.void_attempt("00h may have been lost: there was no reply")
         self.wait_awake()
         return exchange
 

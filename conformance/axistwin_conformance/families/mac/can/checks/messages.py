@@ -178,11 +178,13 @@ def the_boot_up_message_comes_two_seconds_after_the_reset(session: Session) -> N
 
 @check("MACC-BOOT-04", "MACC-CMD-00-01", safety=MOVES)
 def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
-    """What is sent between reset and boot-up message gets no reply, then or later: no effect."""
+    """What is sent between reset and boot-up message gets no reply, then or later: no effect, nor
+    does it put that message off."""
     driver = CanDriver(session)
     start = driver.motion.ready()
+    driver.client.target.take_spontaneous()
     exchange = driver.client.within(QUIET_S, 0x00)
-    requests = ((0x20,), (0x0F, 0x77), (0x12,), (0x20, 0, 0x01))
+    requests = ((0x20,), (0x0F, 0x77), (0x12,), (0x20, 0, 0x01), (0x00,))
     frames = [codec.sync(), *(driver.client.request(*each).frame() for each in requests)]
     if not session.envelope.is_guarded:
         frames.append(driver.client.request(0x13, start + 500).frame())
@@ -196,6 +198,8 @@ def until_its_boot_up_message_it_serves_nothing(session: Session) -> None:
         session.expect(not received, "MACC-BOOT-04", wanted, described(received))
     boot_up, _ = await_boot_up(driver)
     session.step(boot_up is not None, "a boot-up message", "none")
+    assert boot_up is not None
+    judge_time(driver, taken_over(driver, exchange), boot_up, "MACC-BOOT-04")
     late = driver.client.target.receive(codec.is_reply, AFTERWARDS_S)
     session.expect(
         late is None,

@@ -30,10 +30,13 @@ OTHER_RATE: Final = 0x02  # of 1Bh: not the factory's
 NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)
 
 
-@check("MACS-CMD-08-01", "MACS-CMD-08-02", "MACS-REPLY-04", safety=DESTRUCTIVE, needs=("alone",))
+@check(
+    "MACS-CMD-08-01", "MACS-CMD-08-02", "MACS-REPLY-04", "MACS-REPLY-08",
+    safety=DESTRUCTIVE, needs=("alone",),
+)  # fmt: skip
 def the_address_can_be_programmed(session: Session) -> None:
-    """08h to FF gives the only module a new address, from the next frame on, and for good; not
-    under a wrong checksum."""
+    """08h to FF gives the only module a new address, which its answers tell, from the next frame
+    on, and for good; not under a wrong checksum."""
     driver = SerialDriver(session)
     with brought_back(driver):
         new = next(one for one in NEW_ADDRESSES if one != driver.client.address)
@@ -49,6 +52,7 @@ def the_address_can_be_programmed(session: Session) -> None:
                 ["accepted", "silence"],
                 kind.value,
             )
+            _judge_echo(driver, new)
             if not answers(driver, new):
                 driver.client.send(driver.client.request(0x00), QUIET_S)
                 driver.motion.wait_awake()
@@ -70,6 +74,15 @@ def the_address_can_be_programmed(session: Session) -> None:
             f"still at {driver.client.address:02X} after 00h",
             "silence",
         )
+
+
+def _judge_echo(driver: SerialDriver, address: int) -> None:
+    """Who answers at an address, tells that address."""
+    query = driver.client.request(0x20, address=address)
+    reply = driver.client.send(query, QUIET_S * 2).reply
+    if reply.kind is ReplyKind.ANSWER:
+        wanted, seen = f"address {address:02X} in the answer", f"address {reply.address:02X}"
+        driver.session.expect(reply.address == address, "MACS-REPLY-08", wanted, seen)
 
 
 @check("MACS-CMD-08-03", "MACS-CMD-08-01", safety=DESTRUCTIVE, needs=("alone",))

@@ -22,6 +22,7 @@ from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.parameters import settings_of, values_of
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.serial import codec
+from axistwin_conformance.families.mac.serial.checks.line import speaks_for_itself
 from axistwin_conformance.families.mac.serial.codec import ETX, STX, SerialRequest
 from axistwin_conformance.families.mac.serial.driver import NACKED_BY_MANY, SerialDriver
 
@@ -102,13 +103,20 @@ def xoff_and_xon_arrive_as_bytes_of_the_reply(session: Session) -> None:
 
 @check("MACS-FRAME-01", "MACS-FRAME-02")
 def shorter_frames_get_no_reply(session: Session) -> None:
-    """A frame with any one byte left out is not answered, and the next whole one is, once."""
+    """A frame with any one byte left out is not answered, were the sum right over the rest of it;
+    the next whole one is, once."""
     driver = SerialDriver(session)
     whole = driver.client.request(0x20, 0x12345678).encode()
     every = 1 if session.target.is_virtual else 4
     for missing in range(0, len(whole), every):
         exchange = driver.client.send(whole[:missing] + whole[missing + 1 :], QUIET_S)
         _no_success(session, exchange.reply, f"20 bytes, byte {missing} left out", "MACS-FRAME-01")
+        driver.judge.alive("MACS-FRAME-01")
+    every = 1 if session.target.is_virtual else 5
+    for missing in range(4, 18, every):
+        exchange = driver.client.send(_summed(whole[:missing] + whole[missing + 1 : 18]), QUIET_S)
+        what = f"20 bytes, byte {missing} left out, and the sum of the other 13 characters"
+        _no_success(session, exchange.reply, what, "MACS-FRAME-01")
         driver.judge.alive("MACS-FRAME-01")
     for length in (1, 4, 11, 20):
         exchange = driver.client.send(whole[:length], QUIET_S)
@@ -119,7 +127,8 @@ def shorter_frames_get_no_reply(session: Session) -> None:
 
 @check("MACS-FRAME-01")
 def longer_frames_get_no_reply(session: Session) -> None:
-    """A frame with one byte too many between Stx and Etx is not answered; the next whole one is."""
+    """A frame with one byte too many between Stx and Etx is not answered, whatever it sums up; the
+    next whole one is."""
     driver = SerialDriver(session)
     whole = driver.client.request(0x20).encode()
     for place in (4, 6, 8, 10, 17, 18, 19, 20):
@@ -127,6 +136,16 @@ def longer_frames_get_no_reply(session: Session) -> None:
         exchange = driver.client.send(longer, QUIET_S)
         _no_success(session, exchange.reply, f"22 bytes, a 0 before byte {place}", None)
         driver.judge.alive()
+    for place in (10, 17):
+        longer = _summed(whole[:place] + b"0" + whole[place:18])
+        what = f"22 bytes, a 0 before byte {place}, and the sum of the 15 characters"
+        _no_success(session, driver.client.send(longer, QUIET_S).reply, what, None)
+        driver.judge.alive()
+
+
+def _summed(unsummed: bytes) -> bytes:
+    """A frame up to its parameters, with the sum of all behind its length field, and Etx."""
+    return unsummed + codec.two_digits(codec.checksum(unsummed[4:])) + bytes([ETX])
 
 
 def _no_success(
@@ -264,9 +283,10 @@ def digits_printed_x_have_no_effect_in_queries(session: Session) -> None:
             driver.judge.reading("dont_care_digits", outcome)
 
 
-@check("MACS-FRAME-07", "MACS-REPLY-13")
+@check("MACS-FRAME-07", "MACS-REPLY-13", "MACS-REPLY-08")
 def only_its_own_address_and_ff_reach_it(session: Session) -> None:
-    """No frame for another individual address, nor for 80h..FEh, gets a reply."""
+    """No frame for another individual address, nor for 80h..FEh, gets a reply, and the next answer
+    carries the own one."""
     driver = SerialDriver(session)
     taken = {session.address, *session.neighbours}
     others = [address for address in range(0xFF) if address not in taken]
@@ -280,7 +300,7 @@ def only_its_own_address_and_ff_reach_it(session: Session) -> None:
         hint = "" if is_silent or address >= 0x80 else unknown_module_at(driver.client, address)
         wanted, came = driver.client.wanted(ReplyKind.SILENCE), driver.client.observed(exchange)
         session.expect(is_silent, names, wanted, came, hint)
-    driver.judge.alive()
+        speaks_for_itself(driver)
 
 
 @check("MACS-FRAME-08", "MACS-Q-XX-02")

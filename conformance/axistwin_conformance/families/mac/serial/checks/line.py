@@ -48,6 +48,8 @@ def after_00h_it_is_deaf_for_two_seconds(session: Session) -> None:
             *driver.client.nacked_alone(driver.client.request(0x20)),  # not even a Nack
             driver.client.request(0x13, start + 500),
             driver.client.request(0x0F, 0x77),
+            driver.client.request(0x00),  # nor does it begin anew
+            *([] if session.neighbours else [driver.client.to_all(0x20)]),
         )
     )
     last_ns = deaf_until_ns - 100_000_000 - round((POLL_S + session.target.line_s) * 1e9)
@@ -100,7 +102,9 @@ def _first_answer_ns(driver: SerialDriver, from_ns: int) -> int:
         exchange = driver.client.send(driver.client.request(0x20), POLL_S)
         if exchange.kind is ReplyKind.ANSWER:
             return exchange.taken.earliest_ns
-    return driver.client.target.now_ns
+    from_now_ns = driver.client.target.now_ns
+    driver.motion.wait_awake()  # each question may have put it off
+    return from_now_ns
 
 
 @check("MACS-CMD-00-01", "MACS-CMD-00-02", safety=MOVES)
@@ -174,6 +178,7 @@ def the_general_address_is_answered_by_module_00(session: Session) -> None:
     Nack at most; others keep silent."""
     driver = SerialDriver(session)
     _judge_general_reply(driver, general(driver, 0x20).reply)
+    speaks_for_itself(driver)
     surplus = session.target.receive(3, quiet_s(session.target))
     session.expect(not surplus, "MACS-REPLY-12", "one reply from one module", surplus.hex(" "))
     wrong = driver.client.to_all(0x20).with_wrong_checksum()
@@ -184,34 +189,80 @@ def the_general_address_is_answered_by_module_00(session: Session) -> None:
         "Nack, or silence",
         driver.client.observed(exchange),
     )
-    driver.judge.alive("MACS-MULTI-03")
+    speaks_for_itself(driver)
+    session.expect(True, "MACS-MULTI-03", "", "")
 
 
-@check("MACS-MULTI-02", safety=MOVES, needs=("alone",), level="full")
+def speaks_for_itself(driver: SerialDriver) -> None:
+    """Judge that the answer to a query carries the address of the query, whoever the frame before
+    was for."""
+    reply = driver.judge.must(ReplyKind.ANSWER, driver.client.ask(0x20)).reply
+    own = driver.client.address
+    driver.session.expect(
+        reply.address == own,
+        "MACS-REPLY-08",
+        f"address {own:02X} in the answer",
+        f"address {reply.address:02X}",
+    )
+
+
+# What a motion locks, each with another value than it has then: the first in any reading.
+LOCKED: Final = ((0x02, 1), (0x0D, 0x2123), (0x0F, 5), (0x09, 0x4321))
+
+
+def _locked_for_all(driver: SerialDriver) -> None:
+    """What a motion locks it locks in frames to FF as well."""
+    is_whole = driver.readings.known("motion_lock_set") == 0
+    before = driver.client.parameters()
+    for index, parameter in LOCKED if is_whole else LOCKED[:1]:
+        general(driver, index, driver.limits.slowed(parameter) if index == 0x0D else parameter)
+    after = driver.client.parameters()
+    changed = [
+        f"{index:02X}h: {after[index]:X}h" for index in before if after[index] != before[index]
+    ]
+    wanted = "all parameters as before what was sent to FF in motion"
+    driver.session.expect(not changed, "MACS-STATE-01", wanted, "; ".join(changed))
+
+
+@check(
+    "MACS-MULTI-02", "MACS-STATE-01", "MACS-REPLY-08", safety=MOVES, needs=("alone",), level="full"
+)
 def a_module_alone_obeys_the_general_address(session: Session) -> None:
-    """10h to FF holds the next move back, 11h to FF starts it, 0Fh to FF is stored, 18h to FF ends
-    an endless motion; whether anything is replied is another matter."""
+    """10h to FF holds the next move back, 11h to FF starts it, 0Fh to FF is stored, but not in an
+    endless motion, which 18h to FF ends, and 00h to FF restarts the module; whether anything is
+    replied is another matter."""
     driver = SerialDriver(session)
     start = driver.motion.ready()
     for index, parameter in ((0x0F, 1), (0x10, 0)):
         general(driver, index, parameter)
+        speaks_for_itself(driver)
     ramp = driver.client.parameter(0x0F)
-    session.expect(ramp == 1, None, "ramp coefficient 1", f"ramp coefficient {ramp}")
+    session.expect(ramp == 1, "MACS-MULTI-02", "ramp coefficient 1", f"ramp coefficient {ramp}")
     driver.judge.accepted(0x0F, 0)
     driver.judge.accepted(0x13, start + 40)
     held = is_held(driver, start)
-    session.expect(held, None, f"armed by 10h to FF: at {start}", driver.client.position())
+    session.expect(
+        held, "MACS-MULTI-02", f"armed by 10h to FF: at {start}", driver.client.position()
+    )
     general(driver, 0x11)
     driver.client.wait(0.1 + driver.motion.lasting_s(40))
     place = driver.client.position()
-    session.expect(place == start + 40, None, f"at {start + 40} after 11h to FF", place)
+    session.expect(place == start + 40, "MACS-MULTI-02", f"at {start + 40} after 11h to FF", place)
     driver.judge.accepted(0x15, velocity(1, SLOWEST))
+    _locked_for_all(driver)
     general(driver, 0x18)
     driver.motion.run_out()
     driver.client.wait(RUNS_OUT_S)
     place = driver.client.position()
     held = is_held(driver, place)
-    session.expect(held, None, f"at {place} after 18h to FF", driver.client.position())
+    session.expect(held, "MACS-MULTI-02", f"at {place} after 18h to FF", driver.client.position())
+    restart = general(driver, 0x00)
+    lost = driver.client.send(driver.client.request(0x20), POLL_S)
+    deaf_ns = restart.taken.earliest_ns + round(driver.motion.deaf_surely_s * 1e9)
+    driver.motion.taken_in_time(lost, deaf_ns, "the deafness")
+    driver.judge.must(ReplyKind.SILENCE, lost, "MACS-MULTI-02")
+    driver.motion.wait_awake()
+    speaks_for_itself(driver)
 
 
 def _judge_general_reply(driver: SerialDriver, reply: codec.SerialReply) -> None:

@@ -17,6 +17,7 @@ def ram_is_read_from_the_sub_index_upward(session: Session) -> None:
     """28h gives four bytes from address ss: windows that overlap agree; AFh holds Imax."""
     driver = SerialDriver(session)
     _windows_agree(driver, 0x28)
+    _is_same_behind(driver, 0x28, IMAX_ADDRESS, 0x29)
     seen = mem_wrap.look(session)
     if seen.readings:  # zeros on both sides of the end tell nothing
         session.quirk(None, "mem_wrap", seen.readings)
@@ -32,8 +33,29 @@ def ram_is_read_from_the_sub_index_upward(session: Session) -> None:
 
 @check("MACS-Q-29-01")
 def eeprom_is_read_from_the_sub_index_upward(session: Session) -> None:
-    """29h gives four bytes from address ss: windows that overlap agree."""
-    _windows_agree(SerialDriver(session), 0x29)
+    """29h gives the four bytes from ss on, whatever was read before; windows that overlap agree."""
+    driver = SerialDriver(session)
+    _windows_agree(driver, 0x29)
+    for first in (0x00, 0x40, IMAX_ADDRESS):
+        for other in (0x28, 0x20):
+            _is_same_behind(driver, 0x29, first, other)
+
+
+def _is_same_behind(driver: SerialDriver, index: int, first: int, other: int) -> None:
+    """A query to the other memory, or to none, makes no difference to the next one.  What lives is
+    read again."""
+    for _ in range(3):
+        before = driver.client.data_bytes(index, first)
+        driver.client.ask(other, first if other == 0x28 or other == 0x29 else 0)
+        after = driver.client.data_bytes(index, first)
+        if before[0] == after[0] and (index == 0x28 or before == after):
+            break
+    driver.session.expect(
+        before[0] == after[0] and (index == 0x28 or before == after),
+        None,
+        f"{index:02X}h {first:02X} as before {other:02X}h: {bytes(before).hex()}",
+        bytes(after).hex(),
+    )
 
 
 def _windows_agree(driver: SerialDriver, index: int) -> None:
