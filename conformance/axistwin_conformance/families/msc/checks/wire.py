@@ -11,7 +11,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.line import absent, judge_followed, judge_skipped
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import MOMENT_S, MS
+from axistwin_conformance.families.msc.link import FILLER, MOMENT_S, MS
 
 ORDER = 50  # of this module in a run; see `Family.modules`
 
@@ -20,7 +20,6 @@ HALF_RATE: Final = 4800
 # stop bit, then the line at rest for as long.
 CORRUPTED_CHARACTER: Final = b"\xf0"
 CORRUPTED_AT: Final = {"header": 4, "body": 8, "checksum": 13}  # places in RQSTAT
-FILLER: Final = b"0"
 LONG_BODY: Final = 0x100  # bytes: the length of what they are a part of needs both of its bytes
 RUNNING: Final = 1  # bit 0 of the status word
 START_S: Final = 2.0  # for how long after power-up nothing must be said
