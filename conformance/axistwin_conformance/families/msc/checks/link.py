@@ -495,31 +495,6 @@ def a_packet_right_behind_a_write_is_served(session: Session) -> None:
         session.expect(seen == wanted, "MSC-LNK-14", f"{wanted} stored", seen)
 
 
-@check("MSC-LNK-16", "MSC-LNK-10", needs=("alone",))
-def a_packet_that_comes_during_a_repeat_is_served_after_it(session: Session) -> None:
-    """RFLAG sent while RQSTAT's reply is repeated is served once that has left.  (RETX 02h)"""
-    driver = MscDriver(session)
-    if not driver.link.is_busy_hearing:
-        session.skip("on RS-485 the host would talk over the unit")
-    for switch, wanted in (("rx_while_busy", "buffer"), ("stx_while_waiting", "serve")):
-        if session.reading(switch) != wanted:
-            session.skip(f"this device has {switch}={session.reading(switch)}")
-    first = driver.link.unanswered()
-    session.target.send(NAK + driver.client.request(SECOND))
-    again, strays = driver.client.receive_packet()
-    is_again = again is not None and not strays and driver.link.is_same(again, first)
-    if not is_again:
-        driver.link.must_hear_while_it_talks()
-    session.expect(is_again, "MSC-LNK-10", "the whole repeat", again or strays.hex(" "))
-    sign = driver.client.receive(1)
-    second, strays = driver.client.receive_packet()
-    is_served = sign == ACK and not strays and second is not None and second.name == "RFLAG"
-    session.expect(is_served, "MSC-LNK-16", "ACK and a reply to RFLAG", second or strays.hex(" "))
-    session.target.send(ACK)
-    driver.link.nothing_more("MSC-LNK-16", "both")
-    driver.link.alive("MSC-LNK-16")
-
-
 # --- with the bench program -----------------------------------------------------------------------
 
 
