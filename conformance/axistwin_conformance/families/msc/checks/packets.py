@@ -248,7 +248,10 @@ def a_body_of_any_size_is_taken_to_its_end(session: Session) -> None:
         raw = codec.packet(driver.unit, body.ljust(size, FILLER)[:size], checksum=SUM_WITH_A_START)
         text = f"{size} bytes of body under a wrong sum"
         names = ("MSC-PKT-10", "MSC-PKT-15", "MSC-LNK-04")
-        driver.link.sign(raw, NAK, names, text)
+        exchange = driver.link.sign(raw, NAK, names, text)
+        is_early = driver.link.is_amid(exchange.asked_ns, len(raw), exchange.signed_ns)
+        took = f"NAK after {(exchange.signed_ns - exchange.asked_ns) / 1e6:.1f} ms"
+        session.expect(not is_early, names, f"NAK at the end of {len(raw)} bytes", took)
         driver.link.alive(("MSC-LNK-22", "MSC-PKT-15", "MSC-PKT-10"))
 
 
