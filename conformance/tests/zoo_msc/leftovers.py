@@ -262,7 +262,8 @@ def _in_the_gap(patch: MonkeyPatch, act: Any_) -> None:
 
     def send_reply(go: Any_, receiver: Any, now: int) -> None:
         if receiver._verdict.reply is None:
-            return go()
+            go()
+            return
         begun, delay_ns = len(receiver._kept), receiver._reply_delay_ns
 
         def send(at: int) -> None:
@@ -273,7 +274,7 @@ def _in_the_gap(patch: MonkeyPatch, act: Any_) -> None:
         def then(at: int) -> None:
             act(send, receiver, at, bytes(receiver._kept[begun:]))
 
-        return receiver._stay_busy(now, now + delay_ns, then)
+        receiver._stay_busy(now, now + delay_ns, then)
 
     around(patch, Receiver, "_send_reply", send_reply)
     hears(patch, lambda receiver, byte, now: False)

@@ -209,8 +209,8 @@ def _misfits(
     for count in (0, 1, BLOCK_VALUES - 1):
         yield codec.bwrite(block, [7] * count), SHORT
     yield codec.bwrite(block, [7] * BLOCK_VALUES)[:-1], SHORT
-    yield codec.bwrite(block, [7] * BLOCK_VALUES) + b"\x07", LONG
     if has_more:
+        yield codec.bwrite(block, [7] * BLOCK_VALUES) + b"\x07", LONG
         yield codec.bwrite(block, [7] * (BLOCK_VALUES + 1)), LONG
     for cut in range(1, codec.VALUE_BYTES + 1):
         yield codec.dwrite(block, 7)[:-cut], SHORT
