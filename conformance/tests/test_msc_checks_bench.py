@@ -349,11 +349,30 @@ def test_a_fault_fails_what_it_breaks(name: str, make: Makes, requirement: str) 
 
 def test_writes_that_are_wrong_on_purpose_reach_no_real_controller() -> None:
     """On a port that is no twin these checks say so, and send none of them."""
-    for name in (WRITE_SIZE, WRITE_OVER, WRITE_INSIDE):
+    for name in (WRITE_OVER, WRITE_INSIDE):
         port = Controller()
         found = judge(name, port, is_twin=False)
         assert {one.verdict for one in found} == {Verdict.NOT_RUN}
         assert b"WRITE" not in port.received
+
+
+def test_writes_of_a_wrong_size_reach_named_places_of_a_real_controller() -> None:
+    """None whose flag nobody knows is among them; the guard looks at their places."""
+    port = Controller()
+    assert not troubles(judge(WRITE_SIZE, port, is_twin=False))
+    assert port.received.count(b"BWRITE,") > 3
+    assert all(len(one.partition(b",")[2]) != 1 for one in _bodies(port.received, b"SFLAG,"))
+
+
+def _bodies(received: bytes, name: bytes) -> list[bytes]:
+    """What was received of a command, as long as its packets say."""
+    found = []
+    at = received.find(name)
+    while at >= 6:
+        size = int.from_bytes(received[at - 4 : at - 2], "big")
+        found.append(received[at : at + size])
+        at = received.find(name, at + 1)
+    return found
 
 
 def test_every_check_for_a_bench_has_a_fault_here() -> None:

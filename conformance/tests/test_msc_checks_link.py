@@ -454,6 +454,22 @@ LIES: dict[str, tuple[str, Make, str]] = {
         "each_unit_behaves_as_if_alone",
         twin(others=(2, 3), other_unit_framing="hunt_stx"), "MSC-PROP-14",
     ),
+    "a body of 240 bytes is refused at its header": (
+        "a_body_of_any_size_is_taken_to_its_end",
+        with_fault(packets.a_body_of_240_bytes_is_too_long), "MSC-PKT-10",
+    ),
+    "it refuses packets for others amid a wait": (
+        "a_packet_for_another_unit_amid_a_wait_draws_nothing",
+        with_fault(line.a_packet_for_others_amid_a_wait_is_refused), "MSC-LNK-19",
+    ),
+    "the time limit of others runs on": (
+        "what_breaks_off_for_others_draws_nothing",
+        with_fault(line.the_time_limit_outlives_a_packet_for_others), "MSC-LNK-19",
+    ),
+    "an ACK before a reply ends the exchange": (
+        "a_sign_that_comes_while_it_talks_counts_when_it_ends",
+        with_fault(leftovers.an_ack_to_an_ack_ends_the_exchange), "MSC-LNK-07",
+    ),
     # on a bench
     "a length above 240 draws two NAKs": (
         "a_header_that_announces_too_much_is_refused",

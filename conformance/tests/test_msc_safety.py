@@ -257,6 +257,32 @@ def test_on_a_bench_a_real_controller_is_sent_no_guesses_either(
     assert (told is None) is is_allowed
 
 
+@pytest.mark.parametrize(
+    ("body", "is_allowed"),
+    [
+        (codec.bwrite(1024, range(31)), True),
+        (codec.bwrite(1024, range(33)), True),
+        (codec.bwrite(4992, range(33)), False),
+        (codec.dwrite(1024, 1)[:-4], True),
+        (codec.dwrite(5116, 1) + bytes(4), False),
+        (codec.dwrite(1020, 1)[:-1], False),
+        (codec.sflag(130) + b"\0", True),
+        (codec.cflag(192) + b"\0", False),
+        (codec.sflag(130)[:-1], False),
+        (codec.body("DWRITEZ", b"\x04\0"), False),
+    ],
+)
+def test_a_write_of_a_wrong_size_goes_to_named_places_on_a_bench(
+    body: bytes, is_allowed: bool
+) -> None:
+    """With all that its values may reach, in a check of class negative."""
+    raw = codec.packet(1, body)
+    told = refusal(raw, "stored", "negative", "rig", needs=("bench",))
+    assert (told is None) is is_allowed, told
+    assert refusal(raw, "stored", "rig", needs=("bench",)) is not None
+    assert refusal(raw, "stored", "negative") is not None
+
+
 def test_a_header_that_announces_too_much_needs_a_bench() -> None:
     """Also without anything behind it."""
     header = codec.packet(1, codec.RQSTAT, length=241)[:6]

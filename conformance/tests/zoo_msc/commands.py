@@ -15,6 +15,7 @@ from zoo_msc.planting import (
     accepts,
     around,
     bodies,
+    carry_out,
     msc_mutant,
     payloads,
     replies,
@@ -292,3 +293,34 @@ def a_flag_in_three_bytes_is_turned_on(patch: MonkeyPatch) -> None:
 def a_state_has_one_byte(patch: MonkeyPatch) -> None:
     """RFLAG's reply is one byte, 00 or 01."""
     payloads(patch, lambda state: state[1:], "RFLAG")
+
+
+def _refused_but_done(patch: MonkeyPatch, name: bytes, sizes: range, whole: int) -> None:
+    """Let a write whose body has one of these sizes be carried out as if it had `whole` bytes, and
+    refused."""
+
+    def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
+        if not body.startswith(name + b",") or len(body) not in sizes:
+            return go()
+        carry_out(unit, now, body[:whole].ljust(whole, b"\0"))
+        return REFUSED
+
+    bodies(patch, act)
+
+
+@msc_mutant("MSC-BWRITE-01", "MSC-CMD-11", "MSC-LNK-06")
+def a_shorter_block_is_refused_and_stored(patch: MonkeyPatch) -> None:
+    """BWRITE stores what has come while it counts, and says NAK if there are fewer than 32."""
+    _refused_but_done(patch, b"BWRITE", range(9, 137), 137)
+
+
+@msc_mutant("MSC-CFLAG-01", "MSC-CMD-11", "MSC-LNK-06")
+def a_flag_in_three_bytes_is_refused_and_turned_off(patch: MonkeyPatch) -> None:
+    """CFLAG looks behind its number when the flag is off."""
+    _refused_but_done(patch, b"CFLAG", range(9, 11), 8)
+
+
+@msc_mutant("MSC-DWRITE-01", "MSC-CMD-11", "MSC-LNK-06")
+def a_value_in_eight_bytes_is_refused_and_stored(patch: MonkeyPatch) -> None:
+    """Of a DWRITE with two values the first is stored before the second is seen."""
+    _refused_but_done(patch, b"DWRITE", range(17, 18), 13)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from axistwin.devices.msc.data_area import BLOCK_VALUES, VALUE_MAX, DataArea, signed
-from axistwin.devices.msc.receiver import ACCEPTED, REFUSED
+from axistwin.devices.msc.receiver import ACCEPTED, REFUSED, Verdict
 from zoo_msc.planting import (
     Any_,
     Commands,
@@ -358,3 +358,38 @@ def an_address_inside_a_value_reads_bytes_in_between(patch: MonkeyPatch) -> None
 
 def _turned(reply: bytes, count: int) -> bytes:
     return reply[:6] + reply[6 + count :] + reply[6 : 6 + count]
+
+
+@msc_mutant("MSC-BREAD-02")
+def a_block_over_the_end_is_told_short(patch: MonkeyPatch) -> None:
+    """BREAD over the end of the data area is served with the values that are there."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        place, data = _address(body), unit._data
+        if go() is not REFUSED or not data.has(place):
+            return go()
+        there = [data.read(one) for one in range(place, place + BLOCK_BYTES, 4) if data.has(one)]
+        block = b"".join(value.to_bytes(4, "big", signed=True) for value in there)
+        return unit._read(b"BREAD,", lambda when: block)
+
+    _on(patch, b"BREAD", act)
+
+
+@msc_mutant("MSC-BREAD-05")
+def a_block_up_to_the_end_is_refused(patch: MonkeyPatch) -> None:
+    """BREAD whose last value is the last there is runs over the end by one."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        return go() if unit._data.has(_address(body) + BLOCK_BYTES) else REFUSED
+
+    _on(patch, b"BREAD", act)
+
+
+@msc_mutant("MSC-DAT-03")
+def a_block_outside_is_refused_behind_its_ack(patch: MonkeyPatch) -> None:
+    """BWRITE's place is looked at when it is carried out: ACK, then NAK."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        return go() if unit._data.has(_address(body)) else Verdict(b"\x06\x15")
+
+    _on(patch, b"BWRITE", act)

@@ -56,3 +56,25 @@ def two_packets_of_one_sum_are_one(patch: MonkeyPatch) -> None:
             go()
 
     around(patch, Receiver, "_judge", act)
+
+
+@msc_mutant("MSC-LNK-22", "MSC-LNK-06")
+def the_repeat_of_a_refused_write_is_only_acknowledged(patch: MonkeyPatch) -> None:
+    """A write that a wrong sum had refused, or that was cut short, is taken for done when it comes
+    again."""
+
+    def judge(go: Any_, receiver: Any, raw: bytes, now: int) -> None:
+        before, receiver.refused = getattr(receiver, "refused", b""), b""
+        if not is_sum_right(raw):
+            receiver.refused = raw[:-2]
+        elif before == raw[:-2] and name_of(raw) in ("DWRITE", "BWRITE", "SFLAG", "CFLAG"):
+            receiver._sign(now, now + receiver._delay_ns, bytes([ACK]), receiver._rest)
+            return
+        go()
+
+    def give_up(go: Any_, receiver: Any, now: int) -> None:
+        receiver.refused = bytes(receiver._packet[:-1])
+        go()
+
+    around(patch, Receiver, "_judge", judge)
+    around(patch, Receiver, "_give_up_packet", give_up)

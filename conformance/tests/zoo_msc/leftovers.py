@@ -251,3 +251,55 @@ def a_look_at_all_flags_clears_those_from_184_on(patch: MonkeyPatch) -> None:
         return verdict._replace(reply=lambda when: reply)
 
     bodies(patch, act)
+
+
+# --- between an ACK and its reply ----------------------------------------------------------------
+
+
+def _in_the_gap(patch: MonkeyPatch, act: Any_) -> None:
+    """Do `act(go, receiver, now, came)` when a reply is due, with what the host has said since the
+    ACK; `go(now)` sends it."""
+
+    def send_reply(go: Any_, receiver: Any, now: int) -> None:
+        if receiver._verdict.reply is None:
+            go()
+            return
+        begun, delay_ns = len(receiver._kept), receiver._reply_delay_ns
+
+        def send(at: int) -> None:
+            receiver._reply_delay_ns = 0
+            go(at)
+            receiver._reply_delay_ns = delay_ns
+
+        def then(at: int) -> None:
+            act(send, receiver, at, bytes(receiver._kept[begun:]))
+
+        receiver._stay_busy(now, now + delay_ns, then)
+
+    around(patch, Receiver, "_send_reply", send_reply)
+    hears(patch, lambda receiver, byte, now: False)
+
+
+@msc_mutant("MSC-LNK-07", "MSC-LNK-04", traps=(13,))
+def an_ack_to_an_ack_ends_the_exchange(patch: MonkeyPatch) -> None:
+    """Who acknowledges the ACK to a request gets no reply."""
+
+    def act(go: Any_, receiver: Any, now: int, came: bytes) -> None:
+        if ACK in came:
+            receiver._kept.clear()
+            receiver._rest(now)
+        else:
+            go(now)
+
+    _in_the_gap(patch, act)
+
+
+@msc_mutant("MSC-LNK-07", "MSC-LNK-04")
+def a_byte_before_a_reply_is_refused(patch: MonkeyPatch) -> None:
+    """What comes between an ACK and its reply, and is no sign, draws a NAK ahead of that."""
+
+    def act(go: Any_, receiver: Any, now: int, came: bytes) -> None:
+        is_noise = bool(came.strip(bytes([ACK, NAK])))
+        go(receiver._send(now, bytes([NAK])) if is_noise else now)
+
+    _in_the_gap(patch, act)

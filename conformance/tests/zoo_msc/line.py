@@ -429,3 +429,72 @@ def a_refused_reply_of_a_neighbour_is_repeated_by_all(patch: MonkeyPatch) -> Non
 
     hears(patch, takes)
     around(patch, Receiver, "_judge_header", judge)
+
+
+def _untimed(patch: MonkeyPatch, is_so: Any_) -> None:
+    """Let no time limit run in a packet for which `is_so(receiver)` when its header is over."""
+
+    def judge(go: Any_, receiver: Receiver, now: int) -> None:
+        go()
+        if is_so(receiver):
+            receiver._packet_due = NEVER
+
+    around(patch, Receiver, "_judge_header", judge)
+    hears(patch, lambda receiver, byte, now: False)
+
+
+@msc_mutant("MSC-LNK-03", "MSC-LNK-02")
+def a_body_above_100_bytes_has_no_time_limit(patch: MonkeyPatch) -> None:
+    """The limit would not be enough for it, somebody has thought."""
+    _untimed(
+        patch,
+        lambda receiver: receiver.state is ReceiverState.BODY and receiver._missing > 102,
+    )
+
+
+@msc_mutant("MSC-LNK-20", "MSC-PKT-10", traps=(31,))
+def what_is_discarded_has_no_time_limit(patch: MonkeyPatch) -> None:
+    """A header that announces too much is refused when all of that has come, and not before."""
+    _untimed(patch, lambda receiver: receiver.state is ReceiverState.DISCARD)
+
+
+@msc_mutant("MSC-LNK-19", traps=(20, 22))
+def the_time_limit_outlives_a_packet_for_others(patch: MonkeyPatch) -> None:
+    """It is not stopped by the end of what is counted off: a NAK comes a second after its start."""
+
+    def begin(go: Any_, receiver: Any, now: int) -> None:
+        receiver.alarm_ns = NEVER
+        go()
+
+    def end(go: Any_, receiver: Any, now: int) -> None:
+        due_ns, is_others = receiver._packet_due, receiver.state is ReceiverState.SKIP
+        go()
+        receiver.alarm_ns = due_ns if is_others else NEVER
+
+    def act(receiver: Receiver, now: int) -> None:
+        receiver._sign(now, now, NAK_BYTE, receiver._rest)
+
+    alarms(patch, act)
+    hears(patch, lambda receiver, byte, now: False)
+    around(patch, Receiver, "_begin_packet", begin)
+    around(patch, Receiver, "_end_packet", end)
+
+
+@msc_mutant("MSC-LNK-19", "MSC-LNK-16", traps=(22,))
+def a_packet_for_others_amid_a_wait_is_refused(patch: MonkeyPatch) -> None:
+    """Who awaits the host's sign says NAK to whatever else is no packet of its own."""
+
+    def begin(go: Any_, receiver: Any, now: int) -> None:
+        receiver.is_amid = receiver.state is ReceiverState.WAIT
+        go()
+
+    def end(go: Any_, receiver: Any, now: int) -> None:
+        if receiver.state is ReceiverState.SKIP and receiver.is_amid:
+            receiver._packet_due = NEVER
+            receiver._refuse(now)
+        else:
+            go()
+
+    around(patch, Receiver, "_begin_packet", begin)
+    around(patch, Receiver, "_end_packet", end)
+    hears(patch, lambda receiver, byte, now: False)

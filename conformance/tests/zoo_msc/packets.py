@@ -10,6 +10,7 @@ from axistwin.devices.msc.receiver import REFUSED
 from zoo_msc.planting import (
     ACK,
     NAK,
+    NEVER,
     STX,
     Any_,
     Commands,
@@ -388,3 +389,60 @@ def a_byte_above_7fh_in_idle_is_acknowledged(patch: MonkeyPatch) -> None:
         return is_so
 
     hears(patch, takes)
+
+
+# --- sizes ---------------------------------------------------------------------------------------
+
+
+def _headers(patch: MonkeyPatch, act: Any_) -> None:
+    """Do `act(receiver, size, now)` when a header is judged that announces so many bytes."""
+
+    def judge(go: Any_, receiver: Receiver, now: int) -> None:
+        size = receiver._packet[2] << 8 | receiver._packet[3]
+        go()
+        act(receiver, size, now)
+
+    around(patch, Receiver, "_judge_header", judge)
+    hears(patch, lambda receiver, byte, now: False)
+
+
+@msc_mutant("MSC-PKT-10", "MSC-PKT-15", "MSC-LNK-04")
+def a_body_of_240_bytes_is_too_long(patch: MonkeyPatch) -> None:
+    """Its header is refused, and what it announced is noise, or packets."""
+
+    def act(receiver: Receiver, size: int, now: int) -> None:
+        if receiver.state is ReceiverState.BODY and size == 240:
+            receiver._packet_due = NEVER
+            receiver._refuse(now)
+
+    _headers(patch, act)
+
+
+@msc_mutant("MSC-PKT-15", "MSC-LNK-04", traps=(30,))
+def an_empty_body_has_a_byte(patch: MonkeyPatch) -> None:
+    """The loop over a body looks behind its first byte whether it is over."""
+
+    def act(receiver: Receiver, size: int, now: int) -> None:
+        receiver._missing += receiver.state is ReceiverState.BODY and not size
+
+    _headers(patch, act)
+
+
+@msc_mutant("MSC-PKT-15", "MSC-LNK-22")
+def a_body_of_more_than_138_bytes_lacks_its_last(patch: MonkeyPatch) -> None:
+    """What no command has is counted by a buffer that is one byte smaller."""
+
+    def act(receiver: Receiver, size: int, now: int) -> None:
+        receiver._missing -= receiver.state is ReceiverState.BODY and size > 138
+
+    _headers(patch, act)
+
+
+@msc_mutant("MSC-LNK-19", traps=(30,))
+def an_empty_body_of_others_has_a_byte(patch: MonkeyPatch) -> None:
+    """The same in what is counted off for another unit alone."""
+
+    def act(receiver: Receiver, size: int, now: int) -> None:
+        receiver._missing += receiver.state is ReceiverState.SKIP and not size
+
+    _headers(patch, act)

@@ -24,6 +24,7 @@ ROUNDING_NS: Final = MS  # a measured time-out is told in whole ms,
 COARSE_NS: Final = 15 * MS  # or in steps of 20 where the line blurs it
 WHILE_IT_TALKS: Final = 4  # characters of a reply that have come when it is interrupted
 JUNK: Final = b"\x00"
+FILLER: Final = b"0"  # of a packet whose end is of no account; no sum of one is 3030h
 MOMENT_S: Final = 0.005  # between two parts of a packet: one after the other, and well within T1
 TRIALS: Final = 3  # of what noise may have corrupted
 RS232_UNIT: Final = 1  # MSC-PKT-04
@@ -369,6 +370,11 @@ class MscLink:
         late_ns = due_ns + (last + 2) * self.byte_ns + self.latency_ns + rounding_ns
         return ReplyWindow(early_ns, late_ns + self.spare_ns)
 
+    def has_time_for(self, size: int) -> bool:
+        """True if so many bytes, sent in a row, are surely over before T1 is."""
+        span_ns = size * self.byte_ns + self.spare_ns
+        return span_ns < self.sign_window(0, codec.HEADER_BYTES).earliest_ns
+
     def is_amid(self, sent_ns: int, size: int, came_ns: int) -> bool:
         """True if what came then came before the last of the bytes, sent in a row, was over."""
         rounding_ns = ROUNDING_NS if self.target.is_virtual else COARSE_NS
@@ -388,4 +394,16 @@ class MscLink:
         received = self._client.receive(
             1, self._client.packet_timeout_s * WAITS_AT_MOST + own_s + self.glance_s
         )
-        return received, sent_ns, self.target.now_ns
+        came_ns = self.target.now_ns
+        if not received:
+            self._fill_up(raw)
+        return received, sent_ns, came_ns
+
+    def _fill_up(self, raw: bytes) -> None:
+        """Send what is missing of a packet that nobody has refused at T1, if that is no more than a
+        long one has: a unit without that limit serves nothing else until it has it."""
+        is_own = len(raw) >= codec.HEADER_BYTES and raw[1] == self._client.unit
+        announced = codec.AROUND_BODY + int.from_bytes(raw[2:4], "big")
+        if is_own and announced <= 2 * codec.MAX_PACKET:
+            self.target.send(FILLER * (announced - len(raw)))
+            self._client.listen((announced - len(raw)) * self.byte_ns / 1e9 + self.glance_s)

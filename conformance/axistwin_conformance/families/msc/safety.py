@@ -10,7 +10,8 @@ Rules.
 2. What a device would take for a packet, its sum being right, is one of the nine commands, of its
    right size, at an even address, with a flag below 256: commands that nobody has documented load
    and start macroprograms on the same port.  Anything else needs a check of class rig; and even
-   there, on a real controller, only names that no maker can have given.
+   there, on a real controller, only names that no maker can have given, or, if the check is of
+   class negative, a write of a wrong size to a place that may be written all the same.
 3. In checks of class rig a twin may be sent anything.
 """
 
@@ -42,7 +43,7 @@ IMPACT: Final[Mapping[str, str]] = {
     "stored": "writes variables (DWRITE, BWRITE, of --variables) and flags (SFLAG, CFLAG, of"
     " --flags)",
     "negative": "sends writes that no unit may carry out (DWRITE, BWRITE, SFLAG, CFLAG): under a"
-    " wrong checksum, cut short, to a unit that is not there",
+    " wrong checksum, cut short, to a unit that is not there; with 'rig', of a wrong size",
     "motion": "lets the bench program work (SFLAG, CFLAG and BWRITE of --bench-program)",
     "rig": "power, inputs, status and macroprogram are worked; unknown names, bodies of a wrong"
     " size and odd addresses are sent",
@@ -126,7 +127,8 @@ def objection(session: Session, data: bytes) -> str | None:
         return f"a header that announces {_announced(data)} bytes needs a check of class rig"
     for found in packets(window, len(before)):
         reason = _strange(found, has_rflags=run.model.facts.has_rflags)
-        if reason and not (is_rig and _is_known_to_be_strange(found)):
+        is_known = _is_known_to_be_strange(found) or _is_misfit(session, found)
+        if reason and not (is_rig and is_known):
             return f"{reason} needs {'a twin' if is_rig else 'a check of class rig'}"
     return None
 
@@ -175,6 +177,21 @@ def _strange(packet: codec.Packet, *, has_rflags: bool) -> str:
     if packet.name in _OF_A_FLAG and packet.numbers[0] >= MOST_FLAGS:
         return f"flag {packet.numbers[0]}"
     return ""
+
+
+def _is_misfit(session: Session, packet: codec.Packet) -> bool:
+    """True for a write of a wrong size that does no harm whatever a device takes of it: its place,
+    and all that its values may reach, is the operator's to give."""
+    assert session.check is not None, "hooks of the family write what they have read"
+    is_whole = codec.COMMA in packet.body and len(packet.payload) >= 2
+    if "negative" not in session.check.safety or packet.name not in codec.WRITES or not is_whole:
+        return False
+    number = packet.numbers[0]
+    if packet.name in _OF_A_FLAG:
+        return may_set(session, number)
+    least = codec.BLOCK_VALUES if packet.name == "BWRITE" else 1
+    reached = -(-(len(packet.payload) - 2) // codec.VALUE_BYTES)
+    return number % 2 == 0 and may_write(session, number, max(least, reached))
 
 
 def _is_known_to_be_strange(packet: codec.Packet) -> bool:

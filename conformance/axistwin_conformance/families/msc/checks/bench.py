@@ -2,7 +2,8 @@
 
 Only on a bench, and on a real controller of reads alone: commands that nobody has documented load
 and clear programs on the same port, and what is malformed may be carried out all the same.  Writes
-of these kinds are sent to a twin only, whose places outside the named ones are put back here.
+of these kinds go to named places, where that does no harm, or to a twin only, whose places outside
+the named ones are put back here.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
+from axistwin_conformance.families.msc.client import MscExchange
 from axistwin_conformance.families.msc.codec import BLOCK_VALUES, RQSTAT
 from axistwin_conformance.families.msc.driver import (
     ACKED,
@@ -43,9 +45,14 @@ LOADED_BYTES: Final = (0x02, 0x06, 0x0A, 0x0D, 0x11, 0x13, 0x15, 0x1A, 0x2C, 0x7
 @check("MSC-CMD-10", safety="rig", needs=BENCH)
 def a_name_nobody_knows_is_refused(session: Session) -> None:
     """A command that cannot exist draws NAK, or what this device has for it; with and without
-    values, and again."""
+    values, with as many as a body may have, and again."""
     driver = MscDriver(session)
-    for fields in ((), (b"\x00\x00",), (b"\x07\xd8\x00\x00\x04\xd2",), ()):
+    sizes = (
+        BLOCK_VALUES * codec.VALUE_BYTES,
+        codec.MAX_BODY - len(codec.body(codec.IMPOSSIBLE_NAME)),
+    )
+    most = [(bytes(size),) for size in sizes if driver.link.has_time_for(codec.MAX_PACKET)]
+    for fields in ((), (b"\x00\x00",), (b"\x07\xd8\x00\x00\x04\xd2",), *most, ()):
         raw = driver.client.request(codec.body(codec.IMPOSSIBLE_NAME, *fields))
         driver.follows(raw, "unknown_command", AS_UNKNOWN, "MSC-CMD-10")
         driver.link.alive("MSC-CMD-10")
@@ -161,40 +168,59 @@ def a_body_of_another_size_is_refused(session: Session) -> None:
 
 
 @check(
-    "MSC-CMD-11", "MSC-BWRITE-01", "MSC-DWRITE-01", "MSC-SFLAG-01", "MSC-CFLAG-01",
-    safety=("stored", "rig"), needs=("bench", "variables", "flags"),
+    "MSC-CMD-11", "MSC-BWRITE-01", "MSC-DWRITE-01", "MSC-SFLAG-01", "MSC-CFLAG-01", "MSC-LNK-06",
+    safety=("stored", "negative", "rig"), needs=("bench", "variables", "flags"),
 )  # fmt: skip
 def a_write_of_another_size_stores_nothing(session: Session) -> None:
-    """BWRITE with 31 or 33 values, DWRITE with three or five bytes, SFLAG and CFLAG with one or
-    three draw NAK and change nothing; on a twin only."""
+    """BWRITE with other than 32 values, DWRITE with other than four bytes, SFLAG and CFLAG with
+    more than two draw NAK and change nothing, wherever the place is a named one; with one byte, on
+    a twin only."""
     driver = MscDriver(session)
-    driver.link.only_on_a_twin()
-    (block,), flag = driver.scratch.blocks(1), driver.scratch.some_flags(1)[0]
-    before = driver.values(BLOCK_VALUES)
+    block, flag = driver.scratch.blocks(1)[0], driver.scratch.some_flags(1)[0]
+    behind = block + BLOCK_VALUES * driver.scratch.stride
+    before, more = driver.values(BLOCK_VALUES), []
+    if driver.scratch.may_write(block, BLOCK_VALUES + 1):
+        more = driver.values(1)
+        driver.write(behind, more[0])
     driver.write_block(block, before)
-    driver.clear_flag(flag)
-    bodies = (
-        ("BWRITE", codec.bwrite(block, [7] * (BLOCK_VALUES - 1)), SHORT),
-        ("BWRITE", codec.bwrite(block, [7] * (BLOCK_VALUES + 1)), LONG),
-        ("DWRITE", codec.dwrite(block, 7)[:-1], SHORT),
-        ("DWRITE", codec.dwrite(block, 7) + b"\x07", LONG),
-        ("SFLAG", codec.sflag(flag)[:-1], SHORT),
-        ("SFLAG", codec.sflag(flag) + b"\x00", LONG),
-        ("CFLAG", codec.cflag(flag)[:-1], SHORT),
-        ("CFLAG", codec.cflag(flag) + b"\x00", LONG),
-    )
-    for name, body, size in bodies:
-        names = ("MSC-CMD-11", f"MSC-{name}-01")
+    for body, size in _misfits(driver, block, flag, has_more=bool(more)):
+        name = codec.name_of(body)
+        names = ("MSC-CMD-11", f"MSC-{name}-01", "MSC-LNK-06")
+        was_on = name == "CFLAG"
+        driver.turn(flag, on=was_on)
         kind, exchange = driver.draws(driver.client.request(body))
         # An ACK alone is also what a lenient device says to a write.
         readings = dict(size) | {ACKED: ("ack_ignore", "lenient")}
         if kind not in (NAKED, ACKED):
-            session.fail(names, [NAKED, ACKED], exchange)
-        driver.reading("malformed_body", readings[kind], names)
+            session.fail(names[:2], [NAKED, ACKED], exchange)
+        driver.reading("malformed_body", readings[kind], names[:2])
         if session.reading("malformed_body") == "lenient":
             continue
-        seen = list(driver.read_block(block)), driver.flag(flag)
-        session.expect(seen == (before, False), names, "nothing changed", seen)
+        values = [*driver.read_block(block), *([driver.read(behind)] if more else [])]
+        is_so = values == [*before, *more] and driver.flag(flag) is was_on
+        came = "what it names is changed"
+        session.expect(is_so, names, f"nothing changed by {name} of {len(body)} bytes", came)
+
+
+def _misfits(
+    driver: MscDriver, block: int, flag: int, *, has_more: bool
+) -> Iterator[tuple[bytes, Readings]]:
+    """Writes with too little or too much behind their place, and what those draw."""
+    for count in (0, 1, BLOCK_VALUES - 1):
+        yield codec.bwrite(block, [7] * count), SHORT
+    yield codec.bwrite(block, [7] * BLOCK_VALUES)[:-1], SHORT
+    if has_more:
+        yield codec.bwrite(block, [7] * BLOCK_VALUES) + b"\x07", LONG
+        yield codec.bwrite(block, [7] * (BLOCK_VALUES + 1)), LONG
+    for cut in range(1, codec.VALUE_BYTES + 1):
+        yield codec.dwrite(block, 7)[:-cut], SHORT
+    for extra in (1, codec.VALUE_BYTES):
+        yield codec.dwrite(block, 7) + b"\x07" * extra, LONG
+    for command in (codec.sflag, codec.cflag):
+        if driver.link.is_twin:  # elsewhere nobody knows which flag that is
+            yield command(flag)[:-1], SHORT
+        for extra in (1, 2):
+            yield command(flag) + bytes(extra), LONG
 
 
 # --- places ---------------------------------------------------------------------------------------
@@ -319,8 +345,11 @@ def an_address_outside_the_data_area_is_refused(session: Session) -> None:
         kind, exchange = driver.draws(driver.client.request(codec.bread(LAST_PLACE)))
         session.expect(kind == NAKED, None, "NAK to BREAD there as well", exchange)
         if driver.link.is_twin:
-            kind, exchange = driver.draws(driver.client.request(codec.dwrite(LAST_PLACE, 1)))
-            session.expect(kind == NAKED, None, "NAK to DWRITE there as well", exchange)
+            blocks = codec.bwrite(LAST_PLACE, range(BLOCK_VALUES))
+            for body in (codec.dwrite(LAST_PLACE, 1), blocks):
+                kind, exchange = driver.draws(driver.client.request(body))
+                text = f"NAK to {codec.name_of(body)} there as well"
+                session.expect(kind == NAKED, None, text, exchange)
         return
     session.expect(kind == SERVED, None, [NAKED, SERVED], exchange)
     (mine,) = driver.scratch.slots(1)
@@ -364,26 +393,35 @@ def _end_of_data(driver: MscDriver) -> int:
     return first_outside(is_refused, named, LAST_PLACE, driver.scratch.stride)
 
 
-@check("MSC-BREAD-05", safety="rig", needs=("bench", "variables"))
+@check("MSC-BREAD-05", "MSC-BREAD-02", safety="rig", needs=("bench", "variables"))
 def a_block_read_over_the_end_is_refused_whole(session: Session) -> None:
-    """BREAD of a block whose second half is behind the end of the data area draws NAK, or as much
-    as there is, as this device reads it; one that just fits is served."""
+    """BREAD of a block of which a part is behind the end of the data area draws NAK, or 32 values
+    with those that are there, as this device reads it; one that just fits is served."""
     driver = MscDriver(session)
     end, stride = _end_of_data(driver), driver.scratch.stride
     kind, exchange = driver.draws(driver.client.request(codec.bread(end - BLOCK_VALUES * stride)))
-    session.expect(kind == SERVED, None, "the last whole block", exchange)
+    session.expect(kind == SERVED, "MSC-BREAD-05", "the last whole block", exchange)
+    _judge_count(session, exchange)
     for beyond in (1, HALF, BLOCK_VALUES - 1):
         start = end - (BLOCK_VALUES - beyond) * stride
         if start % 2:
             continue
         kind, exchange = driver.draws(driver.client.request(codec.bread(start)))
         if kind == NAKED:
-            driver.reading("block_overrun", "nak_atomic")
+            driver.reading("block_overrun", "nak_atomic", "MSC-BREAD-05")
             continue
         reply = exchange.reply
-        session.expect(kind == SERVED and reply is not None, None, [NAKED, SERVED], exchange)
+        is_served = kind == SERVED and reply is not None
+        session.expect(is_served, "MSC-BREAD-05", [NAKED, SERVED], exchange)
         assert reply is not None
+        _judge_count(session, exchange)
         _judge_overrun(driver, start, beyond, reply.values)
+
+
+def _judge_count(session: Session, exchange: MscExchange) -> None:
+    """Judge that a block that is told has all its values, whatever is there."""
+    count = len(exchange.reply.payload) / codec.VALUE_BYTES if exchange.reply else 0
+    session.expect(count == BLOCK_VALUES, "MSC-BREAD-02", f"{BLOCK_VALUES} values, or NAK", count)
 
 
 def _judge_overrun(driver: MscDriver, start: int, beyond: int, values: Sequence[int]) -> None:
@@ -394,17 +432,17 @@ def _judge_overrun(driver: MscDriver, start: int, beyond: int, values: Sequence[
         if number < there:
             seen = driver.read(place)
             text = f"{seen} first, as at {place}: what is there"
-            driver.session.expect(values[number] == seen, None, text, values[number])
+            driver.session.expect(values[number] == seen, "MSC-BREAD-05", text, values[number])
     behind = list(values[there:])
     around = list(driver.read_block(0))[:beyond]
     readings = [
         reading
         for reading, expected in (("partial", [0] * beyond), ("wrap", around))
-        if behind in (expected, [])
+        if behind == expected
     ]
     if not readings:
-        driver.session.fail(None, ["zeros", f"what is at 0: {around}"], behind)
-    driver.reading("block_overrun", tuple(readings))
+        driver.session.fail("MSC-BREAD-05", ["zeros", f"what is at 0: {around}"], behind)
+    driver.reading("block_overrun", tuple(readings), "MSC-BREAD-05")
 
 
 @check("MSC-BWRITE-07", safety=("stored", "rig"), needs=("bench", "variables"))

@@ -119,14 +119,18 @@ def a_refused_read_is_not_served(session: Session) -> None:
         driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
 
 
-@check("MSC-LNK-06", safety=("stored", "negative"), needs=("variables",))
+@check("MSC-LNK-06", "MSC-LNK-22", safety=("stored", "negative"), needs=("variables",))
 def a_refused_write_stores_nothing(session: Session) -> None:
-    """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were."""
+    """DWRITE and BWRITE with a wrong checksum get NAK and leave the variables as they were; the
+    host's repeat with the right one is carried out."""
     driver = MscDriver(session)
     spot = driver.scratch.block_spot()
     before = list(range(100, 132))
     driver.write_block(spot, before)
-    for body in (codec.dwrite(spot, -7), codec.bwrite(spot, [-7] * 32)):
+    for body, after in (
+        (codec.dwrite(spot, -7), [-7, *before[1:]]),
+        (codec.bwrite(spot, [-8] * 32), [-8] * 32),
+    ):
         whole = driver.client.request(body)
         for offset in (1, 0x100, 0xFFFF):
             raw = codec.with_wrong_checksum(whole, offset)
@@ -134,24 +138,56 @@ def a_refused_write_stores_nothing(session: Session) -> None:
         for missing in (1, codec.CHECKSUM_BYTES):
             driver.link.break_off(whole[:-missing])  # what it draws is LNK-03
         session.expect(
-            driver.read(spot) == 100 and list(driver.read_block(spot)) == before,
-            None,
+            driver.read(spot) == before[0] and list(driver.read_block(spot)) == before,
+            "MSC-LNK-06",
             "the variables as before",
             "a value of the refused packet",
         )
+        for is_cut in (False, True):
+            _refuse(driver, whole, is_cut=is_cut)
+            _judge_repeat(driver, body)
+            seen, text = list(driver.read_block(spot)), "what the repeat of a refused write stores"
+            session.expect(seen == after, ("MSC-LNK-06", "MSC-LNK-22"), text, codec.listed(seen))
+            driver.write_block(spot, before)
 
 
-@check("MSC-LNK-06", safety=("stored", "negative"), needs=("flags",))
+@check("MSC-LNK-06", "MSC-LNK-22", safety=("stored", "negative"), needs=("flags",))
 def a_refused_sflag_turns_nothing_on(session: Session) -> None:
-    """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was."""
+    """SFLAG and CFLAG with a wrong checksum get NAK and leave the flag as it was, on or off; the
+    host's repeat with the right one is carried out."""
     driver = MscDriver(session)
     number = driver.scratch.flags[0]
-    before = driver.flag(number)
-    for body in (codec.sflag(number), codec.cflag(number)):
+    for on, body in ((True, codec.sflag(number)), (False, codec.cflag(number))):
+        driver.turn(number, on=not on)
         raw = codec.with_wrong_checksum(driver.client.request(body))
         driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
-        after = driver.flag(number)
-        session.expect(after is before, None, f"flag {number} as before", "on" if after else "off")
+        seen = driver.flag(number)
+        text = f"flag {number} as before"
+        session.expect(seen is not on, "MSC-LNK-06", text, "on" if seen else "off")
+        for is_cut in (False, True):
+            driver.turn(number, on=not on)
+            _refuse(driver, driver.client.request(body), is_cut=is_cut)
+            _judge_repeat(driver, body)
+            seen = driver.flag(number)
+            text = f"flag {number} as the repeat of a refused packet turns it"
+            names = ("MSC-LNK-06", "MSC-LNK-22")
+            session.expect(seen is on, names, text, "on" if seen else "off")
+
+
+def _refuse(driver: MscDriver, whole: bytes, *, is_cut: bool) -> None:
+    """Have a packet refused: for its checksum, or because it is cut short."""
+    if is_cut:
+        driver.link.break_off(whole[:-1])  # what it draws is LNK-03
+        return
+    raw = codec.with_wrong_checksum(whole)
+    driver.link.sign(raw, NAK, "MSC-LNK-06", codec.explain_request(raw))
+
+
+def _judge_repeat(driver: MscDriver, body: bytes) -> None:
+    """Judge that what a host sends when a packet was refused (MSC-LNK-23) is taken."""
+    exchange = driver.ask(body)
+    text = f"ACK to the repeat of a refused {codec.name_of(body)}"
+    driver.session.expect(exchange.is_acked, ("MSC-LNK-22", "MSC-LNK-06"), text, exchange)
 
 
 @check("MSC-CMD-03", "MSC-DWRITE-01", safety="stored", needs=("variables",))

@@ -10,16 +10,20 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.checks.packets import INVALID_UNITS
+from axistwin_conformance.families.msc.checks.link import must_serve_amid_a_wait
+from axistwin_conformance.families.msc.checks.packets import INVALID_UNITS, SUM_WITH_A_START
+from axistwin_conformance.families.msc.checks.repeats import is_surely
 from axistwin_conformance.families.msc.checks.time import judge_broken_off, judge_pace
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
+from axistwin_conformance.families.msc.link import FILLER
 
 ORDER = 40  # of this module in a run; see `Family.modules`
 
 MOST_SIGNS: Final = 15  # one of each unit, if they do not speak at the same time
 ROUNDS_REAL: Final = 12
 ROUNDS: Final = 60
+OTHERS_SIZES: Final = (0, 1, codec.MAX_BODY)
 PAUSE_S: Final = 0.05  # between header and body: well within T1
 
 
@@ -90,18 +94,51 @@ def what_breaks_off_for_others_draws_nothing(session: Session) -> None:
         text = f"{count} bytes for another unit"
         driver.link.nothing_more(("MSC-LNK-19", "MSC-LNK-04"), text, longer_s)
         driver.link.alive("MSC-LNK-19")
+    span_s = len(whole) * driver.link.byte_ns / 1e9
     for offset in (1, 0x100):
         session.target.send(codec.with_wrong_checksum(whole, offset))
         text = "a wrong checksum for another unit"
-        span_s = len(whole) * driver.link.byte_ns / 1e9
         driver.link.nothing_more(("MSC-LNK-19", "MSC-LNK-04"), text, span_s + driver.link.glance_s)
     driver.link.alive("MSC-LNK-19")
+    # Nor when the time of one that was whole is over.
+    session.target.send(whole)
+    driver.link.nothing_more("MSC-LNK-19", "a packet for another unit", longer_s)
+    driver.link.alive("MSC-LNK-19")
+
+
+@check("MSC-LNK-19", "MSC-LNK-16")
+def a_packet_for_another_unit_amid_a_wait_draws_nothing(session: Session) -> None:
+    """A packet for a unit that is not there, sent instead of the ACK, sound, under a wrong sum or
+    broken off, draws nothing; the old reply is gone, or comes again at T2 if this device keeps it.
+    (WAIT 02h; SKIP)"""
+    driver = MscDriver(session)
+    judge_skipped(driver)
+    judge_followed(driver)
+    must_serve_amid_a_wait(driver)
+    whole = codec.packet(absent(session), RQSTAT)
+    is_dropped = is_surely(session, "pending_reply_on_stx", "drop")
+    names = ("MSC-LNK-19", "MSC-LNK-16")
+    for raw in (whole, codec.with_wrong_checksum(whole), whole[:-1]):
+        first = driver.link.unanswered()
+        session.target.send(raw)
+        text = f"{codec.explain_request(raw)} amid a wait"
+        limits_s = (driver.client.packet_timeout_s, driver.client.ack_timeout_s)
+        limit_s = len(raw) * driver.link.byte_ns / 1e9 + driver.link.glance_s
+        limit_s += 1.2 * max(limits_s) if raw == whole[:-1] else 0.0
+        again, strays = driver.client.receive_packet(limit_s)
+        is_kept = not is_dropped and again is not None and driver.link.is_same(again, first)
+        came = codec.explain(codec.bytes_of(again, strays)) or "nothing"
+        session.expect(not strays and (again is None or is_kept), names, f"nothing to {text}", came)
+        if not is_dropped:
+            session.target.send(ACK)
+        driver.link.alive(names)
 
 
 @check("MSC-LNK-19")
 def the_rest_of_another_units_packet_is_counted_off(session: Session) -> None:
     """An RQSTAT that lies where another unit's announced body is still to come is part of that,
-    right behind the header or after a pause, and the one behind it is served.  (SKIP)"""
+    right behind the header or after a pause, and the one behind it is served, whatever size that
+    body has.  (SKIP)"""
     driver = MscDriver(session)
     judge_skipped(driver)
     judge_followed(driver)
@@ -115,6 +152,16 @@ def the_rest_of_another_units_packet_is_counted_off(session: Session) -> None:
         session.target.send(inner)
         text = "what another unit's header announced"
         driver.link.nothing_more("MSC-LNK-19", text, span_s + driver.link.glance_s)
+        driver.link.alive("MSC-LNK-19")
+    for size in OTHERS_SIZES:
+        raw = codec.packet(absent(session), FILLER * size, checksum=SUM_WITH_A_START)
+        if not driver.link.has_time_for(len(raw)):
+            continue
+        session.target.drain()
+        session.target.send(raw)
+        text = f"{size} bytes of body for another unit"
+        own_s = len(raw) * driver.link.byte_ns / 1e9
+        driver.link.nothing_more("MSC-LNK-19", text, own_s + driver.link.glance_s)
         driver.link.alive("MSC-LNK-19")
 
 

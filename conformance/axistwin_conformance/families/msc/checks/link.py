@@ -5,6 +5,7 @@ Each check names the cells of the link table (§4.1) that it visits.
 
 from __future__ import annotations
 
+import itertools
 from functools import partial
 from typing import Final
 
@@ -22,6 +23,7 @@ ORDER = 20  # of this module in a run; see `Family.modules`
 
 MOST_REFUSALS: Final = 6  # one more than MSC-LNK-09 has repeats
 SECOND: Final = codec.rflag(0)  # whose reply cannot be taken for RQSTAT's
+BEFORE_THE_REPLY: Final = "behind the ACK to a request"
 SCANS_S: Final = 0.1  # several scans of the bench program (10 ms each)
 TICKS_AT: Final = 4  # behind its first variable: one more in each scan
 COUNTER_AT: Final = 0  # one more each time its first flag is found on
@@ -249,7 +251,7 @@ def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     driver.link.alive("MSC-LNK-08")
 
 
-def _must_serve_amid_a_wait(driver: MscDriver) -> None:
+def must_serve_amid_a_wait(driver: MscDriver) -> None:
     """Go on only where a packet instead of a sign is served (MSC-AMB-27)."""
     session, switch = driver.session, "stx_while_waiting"
     detection = session.run.detections.get(switch)
@@ -273,7 +275,7 @@ def a_bad_packet_ends_the_wait_for_the_hosts_sign_as_well(session: Session) -> N
     """A packet under a wrong checksum, or one that breaks off, sent instead of the ACK draws NAK,
     and the old reply is gone all the same.  (WAIT 02h; HDR, BODY, CSUM)"""
     driver = MscDriver(session)
-    _must_serve_amid_a_wait(driver)
+    must_serve_amid_a_wait(driver)
     raw = driver.client.request(SECOND)
     for count in (len(raw), len(raw) - 1, 3):
         driver.link.unanswered()
@@ -292,7 +294,7 @@ def a_bad_packet_ends_the_wait_for_the_hosts_sign_as_well(session: Session) -> N
 def a_write_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     """A DWRITE sent instead of the ACK is carried out and ACKed, and the old reply is gone."""
     driver = MscDriver(session)
-    _must_serve_amid_a_wait(driver)
+    must_serve_amid_a_wait(driver)
     spot = driver.scratch.spot()
     for value in (1, -2):
         driver.link.unanswered()
@@ -307,7 +309,7 @@ def a_reply_served_amid_a_wait_has_repeats_of_its_own(session: Session) -> None:
     """However often the old reply was refused, the one that takes its place is repeated as often as
     any, and it alone.  (WAIT 02h; RETX)"""
     driver = MscDriver(session)
-    _must_serve_amid_a_wait(driver)
+    must_serve_amid_a_wait(driver)
     for refused in (2, driver.link.limit):
         driver.link.unanswered()
         for number in range(refused):
@@ -354,11 +356,11 @@ def another_byte_is_no_sign(session: Session) -> None:
     driver.link.alive("MSC-LNK-08")
 
 
-@check("MSC-LNK-08", "MSC-LNK-10", needs=("alone",))
+@check("MSC-LNK-08", "MSC-LNK-10", "MSC-LNK-07", "MSC-LNK-04", needs=("alone",))
 def a_sign_that_comes_while_it_talks_counts_when_it_ends(session: Session) -> None:
-    """An ACK or NAK sent right behind the request, during the reply, or during a repeat, is taken
-    as the answer when that has left, or lost if this device reads it so.
-    (EXEC and RETX 06h, 15h, other)"""
+    """An ACK or NAK sent right behind the request, between its ACK and any reply, during the reply,
+    or during a repeat, is taken as the answer when that has left, or lost if this device reads it
+    so.  (EXEC and RETX 06h, 15h, other)"""
     driver = MscDriver(session)
     if not driver.link.is_busy_hearing:
         session.skip("on RS-485 the host would talk over the unit")
@@ -366,36 +368,26 @@ def a_sign_that_comes_while_it_talks_counts_when_it_ends(session: Session) -> No
         for sent in (ACK, NAK, JUNK + ACK):
             _talk_over(driver, sent, when)
             driver.link.alive("MSC-LNK-08")
+    for body, sent in zip(driver.reads(), itertools.cycle((ACK, JUNK + ACK, NAK)), strict=False):
+        _talk_over(driver, sent, BEFORE_THE_REPLY, body)
+        driver.link.alive("MSC-LNK-08")
 
 
-def _talk_over(driver: MscDriver, sent: bytes, when: str) -> None:
+def _talk_over(driver: MscDriver, sent: bytes, when: str, body: bytes = RQSTAT) -> None:
     """Send signs while a reply, or a repeat of it, is under way, and judge what that does."""
     session = driver.session
     driver.link.measure_if_slow()
-    first = b""
-    if when == "in a repeat":
-        first = driver.link.unanswered().raw
-        session.target.send(NAK)
-    else:
-        session.target.drain()
-        early = sent if when == "behind the request" else b""
-        session.target.send(driver.client.request(RQSTAT) + early)
-        sign = driver.client.receive(1)
-        if early and sign != ACK:
-            driver.link.must_hear_while_it_talks()
-        session.step(sign == ACK, "ACK", sign.hex())
-    begun = driver.client.receive(WHILE_IT_TALKS)
-    if when != "behind the request":
-        session.target.send(sent)
-    rest = driver.client.receive(driver.client.reply_bytes("RQSTAT") - WHILE_IT_TALKS)
-    received = codec.parse(begun + rest)
-    is_whole = received is not None and received.is_sound
+    received, first = _talked_over(driver, sent, when, body)
+    packet = codec.parse(received)
+    is_whole = packet is not None and packet.is_sound
     if not is_whole:
         driver.link.must_hear_while_it_talks()
-    session.expect(is_whole, "MSC-LNK-10", "the whole packet", (begun + rest).hex(" "))
-    assert received is not None
+    own = ("MSC-LNK-07", "MSC-LNK-04") if when == BEFORE_THE_REPLY else "MSC-LNK-10"
+    text = f"the whole packet, with {codec.explain_request(sent)} sent {when}"
+    session.expect(is_whole, own, text, codec.explain(received) or "nothing")
+    assert packet is not None
     if first and session.reading("retransmit_content") == "snapshot":
-        session.expect(received.raw == first, "MSC-LNK-10", first.hex(" "), received.raw.hex(" "))
+        session.expect(packet.raw == first, "MSC-LNK-10", first.hex(" "), packet.raw.hex(" "))
     # A unit that has lost the sign still waits for it, and repeats the reply when T2 runs out.
     came = driver.link.drawn_again(session.target.now_ns)
     junk_counts = session.reading("junk_while_waiting") == "as_nak" and sent[:1] == JUNK
@@ -408,6 +400,30 @@ def _talk_over(driver: MscDriver, sent: bytes, when: str) -> None:
     driver.reading("rx_while_busy", readings, names)
     if came.packet is not None or held != "buffer":
         session.target.send(ACK)
+
+
+def _talked_over(driver: MscDriver, sent: bytes, when: str, body: bytes) -> tuple[bytes, bytes]:
+    """Send signs then: the bytes of the reply, or of its repeat, as they came; the first reply if
+    it is repeated."""
+    first = b""
+    if when == "in a repeat":
+        first = driver.link.unanswered(body).raw
+        driver.target.send(NAK)
+    else:
+        driver.target.drain()
+        early = sent if when == "behind the request" else b""
+        driver.target.send(driver.client.request(body) + early)
+        sign = driver.client.receive(1)
+        if early and sign != ACK:
+            driver.link.must_hear_while_it_talks()
+        driver.session.step(sign == ACK, "ACK", sign.hex())
+    if when == BEFORE_THE_REPLY:
+        driver.target.send(sent)
+    begun = driver.client.receive(WHILE_IT_TALKS)
+    if when in ("in the reply", "in a repeat"):
+        driver.target.send(sent)
+    size = driver.client.reply_bytes(codec.name_of(body))
+    return begun + driver.client.receive(size - WHILE_IT_TALKS), first
 
 
 def _kept_or_lost(came: Again, *, draws: bool) -> tuple[str, ...]:
@@ -477,31 +493,6 @@ def a_packet_right_behind_a_write_is_served(session: Session) -> None:
         driver.reading("rx_while_busy", "buffer" if is_kept else "drop", "MSC-LNK-04")
         wanted, seen = second if is_kept else first, driver.read(spot)
         session.expect(seen == wanted, "MSC-LNK-14", f"{wanted} stored", seen)
-
-
-@check("MSC-LNK-16", "MSC-LNK-10", needs=("alone",))
-def a_packet_that_comes_during_a_repeat_is_served_after_it(session: Session) -> None:
-    """RFLAG sent while RQSTAT's reply is repeated is served once that has left.  (RETX 02h)"""
-    driver = MscDriver(session)
-    if not driver.link.is_busy_hearing:
-        session.skip("on RS-485 the host would talk over the unit")
-    for switch, wanted in (("rx_while_busy", "buffer"), ("stx_while_waiting", "serve")):
-        if session.reading(switch) != wanted:
-            session.skip(f"this device has {switch}={session.reading(switch)}")
-    first = driver.link.unanswered()
-    session.target.send(NAK + driver.client.request(SECOND))
-    again, strays = driver.client.receive_packet()
-    is_again = again is not None and not strays and driver.link.is_same(again, first)
-    if not is_again:
-        driver.link.must_hear_while_it_talks()
-    session.expect(is_again, "MSC-LNK-10", "the whole repeat", again or strays.hex(" "))
-    sign = driver.client.receive(1)
-    second, strays = driver.client.receive_packet()
-    is_served = sign == ACK and not strays and second is not None and second.name == "RFLAG"
-    session.expect(is_served, "MSC-LNK-16", "ACK and a reply to RFLAG", second or strays.hex(" "))
-    session.target.send(ACK)
-    driver.link.nothing_more("MSC-LNK-16", "both")
-    driver.link.alive("MSC-LNK-16")
 
 
 # --- with the bench program -----------------------------------------------------------------------

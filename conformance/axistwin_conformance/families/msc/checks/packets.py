@@ -16,7 +16,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.client import MscExchange
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX, Packet
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import RS232_UNIT
+from axistwin_conformance.families.msc.link import FILLER, RS232_UNIT
 
 ORDER = 10  # of this module in a run; see `Family.modules`
 
@@ -35,6 +35,10 @@ ASCII_ONE: Final = 0x31  # what a host sends that takes the number for text (ERR
 SWAPPED: Final = (0x0408, 0x0804)  # two addresses of which each is the other's bytes exchanged
 INVALID_UNITS: Final = (0, 16, ASCII_ONE, 0xFF)
 OTHER_UNITS: Final = range(2, 16)
+# The ends of what a body may have, and of what seven and eight bits, or a buffer, can count.
+SIZES: Final = (0, 1, 2, 6, 7, 63, 64, 100, 127, 128, 137, 138, 200, 239, 240)
+SIZES_REAL: Final = (0, 1, 127, 128, 239, 240)
+SUM_WITH_A_START: Final = 0x7002  # more than any of them adds up to; who stops early hears its 02h
 
 
 # --- a unit's own packets -------------------------------------------------------------------------
@@ -226,6 +230,29 @@ def bytes_02h_06h_and_15h_of_body_and_checksum_are_no_signs(session: Session) ->
         exchange = driver.ask(codec.rflag(flag))
         is_served = exchange.is_acked and exchange.reply is not None
         session.expect(is_served, "MSC-PKT-15", f"ACK and a reply to flag {flag}", exchange)
+
+
+@check("MSC-PKT-10", "MSC-PKT-15", "MSC-LNK-04", "MSC-LNK-22")
+def a_body_of_any_size_is_taken_to_its_end(session: Session) -> None:
+    """A body of 0 to 240 bytes under a wrong sum, a whole RQSTAT in it where there is room, draws
+    one NAK, and the packet behind it is served.  (BODY, CSUM)"""
+    driver = MscDriver(session)
+    driver.link.calm()
+    inner = driver.client.request(RQSTAT)
+    for size in SIZES if session.target.is_virtual else SIZES_REAL:
+        if not driver.link.has_time_for(codec.AROUND_BODY + size):
+            session.note(f"T1 runs out while {size} bytes of body are being sent")
+            continue
+        room = size - len(inner)
+        body = RQSTAT.ljust(room, FILLER) + inner if room > len(RQSTAT) else RQSTAT
+        raw = codec.packet(driver.unit, body.ljust(size, FILLER)[:size], checksum=SUM_WITH_A_START)
+        text = f"{size} bytes of body under a wrong sum"
+        names = ("MSC-PKT-10", "MSC-PKT-15", "MSC-LNK-04")
+        exchange = driver.link.sign(raw, NAK, names, text)
+        is_early = driver.link.is_amid(exchange.asked_ns, len(raw), exchange.signed_ns)
+        took = f"NAK after {(exchange.signed_ns - exchange.asked_ns) / 1e6:.1f} ms"
+        session.expect(not is_early, names, f"NAK at the end of {len(raw)} bytes", took)
+        driver.link.alive(("MSC-LNK-22", "MSC-PKT-15", "MSC-PKT-10"))
 
 
 @check("MSC-PKT-03", "MSC-PKT-04", needs=("alone",))

@@ -11,7 +11,7 @@ from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.checks.link import SECOND
+from axistwin_conformance.families.msc.checks.link import BEFORE_THE_REPLY, SECOND
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, Packet
 from axistwin_conformance.families.msc.driver import MscDriver
 from axistwin_conformance.families.msc.link import COARSE_NS, MS, ROUNDING_NS, Names
@@ -87,6 +87,54 @@ def whatever_went_before_a_reply_has_all_its_repeats(session: Session) -> None:
         text = "with bytes before each NAK that are no signs"
         judge_all_repeats(driver, "MSC-LNK-09", text, ODD_BYTES)
     driver.link.alive("MSC-LNK-13")
+
+
+@check("MSC-LNK-16", "MSC-LNK-10", "MSC-LNK-07", needs=("alone",))
+def a_packet_that_comes_during_a_repeat_is_served_after_it(session: Session) -> None:
+    """RFLAG sent while RQSTAT's reply is to come, or is repeated, is served once that has left.
+    (EXEC and RETX 02h)"""
+    driver = MscDriver(session)
+    if not driver.link.is_busy_hearing:
+        session.skip("on RS-485 the host would talk over the unit")
+    for switch, wanted in (("rx_while_busy", "buffer"), ("stx_while_waiting", "serve")):
+        if session.reading(switch) != wanted:
+            session.skip(f"this device has {switch}={session.reading(switch)}")
+    second = driver.client.request(SECOND)
+    first = driver.link.unanswered()
+    for when in ("in a repeat", "behind the request", BEFORE_THE_REPLY):
+        if when == "in a repeat":
+            session.target.send(NAK + second)
+        else:
+            early = second if when == "behind the request" else b""
+            session.target.drain()
+            session.target.send(driver.client.request(RQSTAT) + early)
+            sign = driver.client.receive(1)
+            session.step(sign == ACK, "ACK", codec.explain(sign) or "nothing")
+            if not early:
+                session.target.send(second)
+        _judge_both(driver, first, when)
+
+
+def _judge_both(driver: MscDriver, first: Packet, when: str) -> None:
+    """Judge that RQSTAT's reply comes whole, then RFLAG's ACK and reply, and nothing else."""
+    session = driver.session
+    again, strays = driver.client.receive_packet()
+    is_again = again is not None and not strays and again.is_sound and again.name == first.name
+    if again is not None and when == "in a repeat":  # else what it tells may have changed by itself
+        is_again = is_again and driver.link.is_same(again, first)
+    if not is_again:
+        driver.link.must_hear_while_it_talks()
+    names: Names = "MSC-LNK-10" if when == "in a repeat" else ("MSC-LNK-07", "MSC-LNK-16")
+    text = f"RQSTAT's whole reply, with a packet {when}"
+    session.expect(is_again, names, text, again or strays.hex(" ") or "nothing")
+    sign = driver.client.receive(1)
+    second, strays = driver.client.receive_packet()
+    is_served = sign == ACK and not strays and second is not None and second.name == "RFLAG"
+    text, came = f"ACK and a reply to RFLAG sent {when}", second or (sign + strays).hex(" ")
+    session.expect(is_served, "MSC-LNK-16", text, came or "nothing")
+    session.target.send(ACK)
+    driver.link.nothing_more("MSC-LNK-16", "both")
+    driver.link.alive("MSC-LNK-16")
 
 
 @check("MSC-LNK-11", "MSC-LNK-10", "MSC-LNK-08")

@@ -15,7 +15,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.repeats import judge_all_repeats
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import MS, Names
+from axistwin_conformance.families.msc.link import FILLER, MS, Names
 
 ORDER = 30  # of this module in a run; see `Family.modules`
 
@@ -35,6 +35,9 @@ MARGIN_BYTES: Final = 5  # MSC-AMB-03: how far below T1 a packet is surely in ti
 REAL_CUTS: Final = (2, 5, 6, 10, 13, 14)  # of RQSTAT's 15 bytes: in each field, and their edges
 SIGNS: Final = 0x0615  # as a block number: in a packet neither is a sign, nor begins a time limit
 MOST_LATE: Final = 4  # times as late as it is due: what comes within is a late repeat
+LONG_BODIES: Final = (137, codec.MAX_BODY)  # of BWRITE, and the largest
+LONG_CUT: Final = 200  # bytes of that
+SHOWN_BYTES: Final = 20  # of a packet, in words
 WRONG_SPACING: Final = 0.03  # of a character's time, over a whole reply
 
 
@@ -182,8 +185,9 @@ def a_lone_start_is_nobodys_on_rs485(session: Session) -> None:
 
 @check("MSC-LNK-02", "MSC-LNK-03", "MSC-LNK-04")
 def a_length_that_is_wrong_is_found_at_t1_at_the_latest(session: Session) -> None:
-    """RQSTAT with a length too large, or a byte lost, draws one NAK at T1; sent again too early it
-    is taken for the rest; with a length too small it draws NAK at once (§4.3)."""
+    """RQSTAT with a length too large, up to the largest, or a byte lost, draws one NAK at T1; sent
+    again too early it is taken for the rest; with a length too small it draws NAK at once
+    (§4.3)."""
     driver = MscDriver(session)
     raw = driver.client.request(RQSTAT)
     cases = [codec.packet(driver.unit, RQSTAT, length=7 + more) for more in (1, 10)]
@@ -191,9 +195,11 @@ def a_length_that_is_wrong_is_found_at_t1_at_the_latest(session: Session) -> Non
     cases.append(codec.packet(driver.unit, codec.rflag(8), length=9))
     lost = range(4, len(raw) - 1) if session.target.is_virtual else (9,)
     cases += [raw[:at] + raw[at + 1 :] for at in lost]
+    cases += [case for case in _long_ones(driver) if driver.link.has_time_for(len(case))]
     for case in cases:
         received, sent_ns, came_ns = driver.link.break_off(case)
-        text = f"{case.hex(' ')}, T1 later"
+        more = " and so on" if len(case) > SHOWN_BYTES else ""
+        text = f"{case[:SHOWN_BYTES].hex(' ')}{more}, {len(case)} bytes, T1 later"
         due = driver.link.sign_window(sent_ns, len(case))
         is_so = received == NAK and came_ns in due
         got = f"{codec.explain(received) or 'nothing'} after {(came_ns - sent_ns) / MS:.1f} ms"
@@ -216,6 +222,16 @@ def a_length_that_is_wrong_is_found_at_t1_at_the_latest(session: Session) -> Non
     is_refused = not received.strip(NAK) or driver.link.is_refused_in_chorus
     session.expect(is_refused, "MSC-LNK-02", "NAK at most", codec.explain(received))
     driver.link.alive("MSC-LNK-02")
+
+
+def _long_ones(driver: MscDriver) -> list[bytes]:
+    """A body of the largest size that breaks off far behind its middle, one that lacks its sum's
+    last byte, and a header with nothing behind it."""
+    whole = [
+        codec.packet(driver.unit, RQSTAT.ljust(size, FILLER), checksum=0) for size in LONG_BODIES
+    ]
+    cut = [whole[-1][:LONG_CUT], *(raw[:-1] for raw in whole)]
+    return [*cut, whole[-1][: codec.HEADER_BYTES]] if driver.target.is_virtual else cut[:2]
 
 
 def send_in_parts(driver: MscDriver, parts: list[tuple[float, bytes]]) -> tuple[bytes, int]:

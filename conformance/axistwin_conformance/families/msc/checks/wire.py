@@ -11,7 +11,7 @@ from axistwin_conformance.families.msc import codec
 from axistwin_conformance.families.msc.checks.line import absent, judge_followed, judge_skipped
 from axistwin_conformance.families.msc.codec import ACK, NAK, RQSTAT, STX
 from axistwin_conformance.families.msc.driver import MscDriver
-from axistwin_conformance.families.msc.link import MOMENT_S, MS
+from axistwin_conformance.families.msc.link import FILLER, MOMENT_S, MS
 
 ORDER = 50  # of this module in a run; see `Family.modules`
 
@@ -20,7 +20,6 @@ HALF_RATE: Final = 4800
 # stop bit, then the line at rest for as long.
 CORRUPTED_CHARACTER: Final = b"\xf0"
 CORRUPTED_AT: Final = {"header": 4, "body": 8, "checksum": 13}  # places in RQSTAT
-FILLER: Final = b"0"
 LONG_BODY: Final = 0x100  # bytes: the length of what they are a part of needs both of its bytes
 RUNNING: Final = 1  # bit 0 of the status word
 START_S: Final = 2.0  # for how long after power-up nothing must be said
@@ -174,6 +173,9 @@ def a_character_without_its_stop_bit_spoils_its_packet(session: Session) -> None
     driver.link.alive("MSC-LNK-02")
     raw = codec.packet(driver.unit, RQSTAT)  # its block number is 0000h, as the corrupted byte is
     at_once_ns = (len(raw) + 1) * driver.link.byte_ns + driver.link.latency_ns
+    took_ns = 3 * len(raw) * driver.link.byte_ns + 2 * driver.link.spare_ns
+    if took_ns > driver.link.sign_window(0, len(raw)).earliest_ns:
+        session.skip("T1 is over while a character without its stop bit is being sent")
     for place in CORRUPTED_AT.values():
         session.target.drain()
         sent_ns = session.target.send(raw[:place])
@@ -182,6 +184,9 @@ def a_character_without_its_stop_bit_spoils_its_packet(session: Session) -> None
         readings = _uart_reading(driver, sent_ns, sent_ns + at_once_ns, place)
         driver.reading("uart_error", readings, "MSC-LNK-02")
         driver.link.alive(("MSC-LNK-02", "MSC-LNK-03"))
+    if 2 * took_ns > driver.client.ack_timeout_s * 1e9:
+        session.note("T2 is over while a character without its stop bit is being sent")
+        return
     first = driver.link.unanswered()
     _send_corrupted(driver)
     again = driver.link.refuse_in("MSC-LNK-02")

@@ -212,6 +212,8 @@ def data_misaligned(driver: MscDriver) -> Outcome:
     if driver.scratch.stride == 1:
         driver.session.skip("every address is a variable's own")
     address, values = variable(driver), (MARK, OTHER)
+    if not driver.scratch.may_write(address, len(values)):
+        driver.session.skip("needs 2 variables in a row (--variables FIRST-LAST)")
     for number, value in enumerate(values):
         driver.write(address + number * driver.scratch.stride, value)
     drawn, reply = _ask(driver, codec.dread(address + 1))
