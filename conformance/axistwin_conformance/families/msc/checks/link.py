@@ -249,14 +249,19 @@ def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     driver.link.alive("MSC-LNK-08")
 
 
-def _must_serve_amid_a_wait(driver: MscDriver) -> None:
-    """Go on only where a packet instead of a sign is served (MSC-AMB-27)."""
+def reason_not_served_amid_a_wait(driver: MscDriver) -> str:
+    """Why a packet instead of a sign may not be served (MSC-AMB-27); empty: it is."""
     session, switch = driver.session, "stx_while_waiting"
     detection = session.run.detections.get(switch)
     left = detection.candidates if detection and switch not in session.readings else ()
     seen = left or (session.reading(switch),)
-    if seen != ("serve",):
-        session.skip(f"this device has {switch}={' or '.join(seen)}")
+    return "" if seen == ("serve",) else f"this device has {switch}={' or '.join(seen)}"
+
+
+def _must_serve_amid_a_wait(driver: MscDriver) -> None:
+    """Go on only where a packet instead of a sign is served."""
+    if reason := reason_not_served_amid_a_wait(driver):
+        driver.session.skip(reason)
 
 
 def _reply_is_gone(driver: MscDriver, names: tuple[str, ...], what: str) -> None:
