@@ -19,12 +19,13 @@ from axistwin_conformance.families.msc.checks.flags import NO_RFLAGS, judge_agre
 from axistwin_conformance.families.msc.checks.status import AUTO_START, RUNNING
 from axistwin_conformance.families.msc.driver import ACKED, NAKED, SERVED, MscDriver
 from axistwin_conformance.families.msc.program import REACTION_S
+from axistwin_conformance.families.msc.scratch import SAFE_BLOCK
 
 ORDER = 160  # of this module in a run; see `Family.modules`
 
 CONDITIONS: Final = tuple(range(1, 16))  # bit 0 is the program itself
 LOADING: Final = 10
-SELF_TEST, BATTERY_LOW, UNRELIABLE = 128, 2, 4
+SELF_TEST, BATTERY_LOW, UNRELIABLE, CLEARED = 128, 2, 4, 8
 AN_ERROR: Final = 12
 # Inputs, timers and motors, as twins number them; what a rig cannot work is left out.
 MACHINE_FLAGS: Final = (0, 3, 7, 8, 15, 33, 39, 40, 45, 71)
@@ -138,28 +139,39 @@ def an_error_is_told_until_it_is_over(session: Session) -> None:
 @check("MSC-STA-01", "MSC-STA-02", safety="rig", needs=("rig:program",))
 def bit_0_is_the_program(session: Session) -> None:
     """Stopping the macroprogram turns bit 0 off, starting it turns bit 0 on: 1, or 65 with auto
-    start."""
+    start, which does not change with it."""
     driver = MscDriver(session)
     names = ("MSC-STA-01", "MSC-STA-02")
+    is_auto = driver.status() & AUTO_START
     for _ in range(2):
         for is_on in (False, True):
             session.rig.work("program", is_on)
             so = driver.until(lambda: bool(driver.status() & RUNNING) is is_on, REACTION_S)  # noqa: B023 - called here
             text = f"bit 0 {'on' if is_on else 'off'}"
-            session.expect(so, names, text, _bit(driver.status(), 0))
+            status = driver.status()
+            session.expect(so, names, text, _bit(status, 0))
+            is_kept = status & AUTO_START == is_auto
+            session.expect(is_kept, names, f"{text}, bit 6 as before", _bit(status, 6))
     if "status" in session.rig.capabilities:
         session.rig.work("status", True, number=6)
         seen = driver.status()
         both = RUNNING | AUTO_START
         came = f"{_bit(seen, 0)}, {_bit(seen, 6)}"
         session.expect(seen & both == both, "MSC-STA-01", "bit 0 on, bit 6 on", came)
+        session.rig.work("program", False)
+        driver.until(lambda: not driver.status() & RUNNING, REACTION_S)
+        seen = driver.status()
+        session.expect(bool(seen & AUTO_START), "MSC-STA-02", "bit 6 on as before", _bit(seen, 6))
+        session.rig.work("program", True)
         session.rig.work("status", False, number=6)
 
 
 @check("MSC-STA-01", "MSC-STA-02", safety="rig", needs=("rig:power", "rig:program"))
 def auto_start_is_what_power_up_does(session: Session) -> None:
-    """After power-up the program runs if bit 6 is on, and does not if it is off."""
+    """After power-up the program runs if bit 6 is on, and does not if it is off; a program
+    that runs afterwards, in memory that is reliable, is not told as cleared."""
     driver = MscDriver(session)
+    before = driver.status()
     try:
         for status in _power_ups(driver):
             is_running, is_auto = bool(status & RUNNING), bool(status & AUTO_START)
@@ -168,6 +180,12 @@ def auto_start_is_what_power_up_does(session: Session) -> None:
             session.expect(is_running == is_auto, names, text, came)
     finally:
         _restart(session)
+    driver.until(lambda: bool(driver.status() & RUNNING), REACTION_S)
+    after = driver.status()
+    is_there = bool(after & RUNNING and not after & UNRELIABLE)
+    is_told = is_there and bool(after & ~before & CLEARED)
+    text = f"bit {CLEARED.bit_length() - 1} off: the program runs, and was not loaded"
+    session.expect(not is_told, "MSC-STA-02", text, f"RQSTAT = {after:04X}h")
 
 
 def _power_ups(driver: MscDriver) -> Iterator[int]:
@@ -254,7 +272,9 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
 
 # --- states ---------------------------------------------------------------------------------------
 
-ACCESS: Final = ("MSC-STA-02", "MSC-DWRITE-02", "MSC-RFLAG-01")
+ACCESS: Final = (
+    "MSC-STA-02", "MSC-DWRITE-02", "MSC-BWRITE-02", "MSC-SFLAG-02", "MSC-CFLAG-02", "MSC-RFLAG-01",
+)  # fmt: skip
 
 
 @check(*ACCESS, safety=("stored", "rig"), needs=("rig:program", "variables"))
@@ -279,20 +299,35 @@ def a_controller_that_is_loaded_still_serves(session: Session) -> None:
 
 def _judge_access(driver: MscDriver, switch: str) -> None:
     """Judge that data and flags are all served, or all refused."""
-    (place,), (value,) = driver.scratch.slots(1), driver.values(1)
-    for body in (codec.rflag(0), codec.dwrite(place, value), codec.dread(place)):
+    for body, wanted, names in _accesses(driver):
         kind, exchange = driver.draws(driver.client.request(body))
-        name = body.partition(codec.COMMA)[0].decode()
-        names = {"RFLAG": "MSC-RFLAG-01"}.get(name, "MSC-DWRITE-02")
         if kind == NAKED:
             driver.reading(switch, "nak", "MSC-STA-02")
             continue
-        right = ACKED if name in codec.WRITES else SERVED
+        right = ACKED if codec.name_of(body) in codec.WRITES else SERVED
         driver.session.expect(kind == right, names, [right, NAKED], exchange)
         driver.reading(switch, "allow", "MSC-STA-02")
-        if name == "DREAD":
-            seen = exchange.reply.values if exchange.reply else None
-            driver.session.expect(seen == (value,), names, f"{value} at {place}", seen)
+        if wanted:
+            seen = exchange.reply.payload if exchange.reply else b""
+            driver.session.expect(seen == wanted, names, wanted.hex(" "), exchange)
+
+
+def _accesses(driver: MscDriver) -> Iterator[tuple[bytes, bytes, str]]:
+    """Commands in turn, each with what its reply must tell (empty: there is none, or anything), and
+    what that judges."""
+    (place,), (value,) = driver.scratch.slots(1), driver.values(1)
+    yield codec.rflag(0), b"", "MSC-RFLAG-01"
+    yield codec.dwrite(place, value), b"", "MSC-DWRITE-02"
+    yield codec.dread(place), codec.i32(value), "MSC-DWRITE-02"
+    if len(driver.scratch.variables) >= 2 * SAFE_BLOCK:
+        (block,), values = driver.scratch.blocks(1), driver.values(codec.BLOCK_VALUES)
+        yield codec.bwrite(block, values), b"", "MSC-BWRITE-02"
+        yield codec.bread(block), b"".join(map(codec.i32, values)), "MSC-BWRITE-02"
+    for number in driver.scratch.some_flags(1) if driver.scratch.flags else ():
+        yield codec.sflag(number), b"", "MSC-SFLAG-02"
+        yield codec.rflag(number), codec.u16(1), "MSC-SFLAG-02"
+        yield codec.cflag(number), b"", "MSC-CFLAG-02"
+        yield codec.rflag(number), codec.u16(0), "MSC-CFLAG-02"
 
 
 # --- flags of the machine -------------------------------------------------------------------------
