@@ -362,7 +362,7 @@ def a_program_is_told_as_cleared_after_power_up(patch: MonkeyPatch) -> None:
     around(patch, MscController, "power_on", act)
 
 
-@msc_mutant("MSC-PHY-04")
+@msc_mutant("MSC-PHY-04", "MSC-LNK-01")
 def the_first_packet_after_power_up_is_refused(patch: MonkeyPatch) -> None:
     """The register of the sum is not cleared by power-up."""
 
@@ -375,4 +375,58 @@ def the_first_packet_after_power_up_is_refused(patch: MonkeyPatch) -> None:
         receiver._refuse(now) if is_fresh else go()
 
     around(patch, MscController, "power_on", act)
+    around(patch, Receiver, "_judge", judge)
+
+
+@msc_mutant("MSC-STA-02")
+def an_error_is_told_after_power_up(patch: MonkeyPatch) -> None:
+    """Bit 12 is on though nothing is wrong with the program."""
+
+    def act(go: Any_, controller: Any, now: int) -> Any:
+        effects = go()
+        controller.status.set(StatusBit.BAD_OPCODE)
+        return effects
+
+    around(patch, MscController, "power_on", act)
+
+
+@msc_mutant("MSC-STA-02")
+def a_block_is_not_kept_without_supply(patch: MonkeyPatch) -> None:
+    """What BWRITE has stored is 0 after a power cut, and no bit tells it."""
+
+    def write(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        if _name(body) == b"BWRITE" and _place(body) in SCRATCH:
+            unit.last_block = _place(body)
+        return go()
+
+    def act(go: Any_, controller: Any, now: int) -> Any:
+        effects = go()
+        if place := getattr(controller._commands, "last_block", 0):
+            for step in range(32):
+                controller.data.write(place + 4 * step, 0)
+        return effects
+
+    bodies(patch, write)
+    around(patch, MscController, "power_off", act)
+
+
+@msc_mutant("MSC-LNK-14")
+def an_ack_behind_a_flag_loses_the_next_packet(patch: MonkeyPatch) -> None:
+    """06h in idle right behind SFLAG or CFLAG makes it deaf to one packet."""
+
+    def keep(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        unit.is_flag = _name(body) in (b"SFLAG", b"CFLAG")
+        return go()
+
+    def takes(receiver: Any, byte: int, now: int) -> bool:
+        if byte == ACK and receiver.state is ReceiverState.IDLE:
+            receiver.is_deaf = getattr(receiver._examine.__self__, "is_flag", False)
+        return False
+
+    def judge(go: Any_, receiver: Any, raw: bytes, now: int) -> None:
+        is_deaf, receiver.is_deaf = getattr(receiver, "is_deaf", False), False
+        receiver._rest(now) if is_deaf else go()
+
+    bodies(patch, keep)
+    hears(patch, takes)
     around(patch, Receiver, "_judge", judge)

@@ -26,6 +26,7 @@ ORDER = 160  # of this module in a run; see `Family.modules`
 CONDITIONS: Final = tuple(range(1, 16))  # bit 0 is the program itself
 LOADING: Final = 10
 SELF_TEST, BATTERY_LOW, UNRELIABLE, CLEARED = 128, 2, 4, 8
+ERRORS: Final = 0xFF00
 AN_ERROR: Final = 12
 # Inputs, timers and motors, as twins number them; what a rig cannot work is left out.
 MACHINE_FLAGS: Final = (0, 3, 7, 8, 15, 33, 39, 40, 45, 71)
@@ -168,8 +169,8 @@ def bit_0_is_the_program(session: Session) -> None:
 
 @check("MSC-STA-01", "MSC-STA-02", safety="rig", needs=("rig:power", "rig:program"))
 def auto_start_is_what_power_up_does(session: Session) -> None:
-    """After power-up the program runs if bit 6 is on, and does not if it is off; a program
-    that runs afterwards, in memory that is reliable, is not told as cleared."""
+    """After power-up the program runs if bit 6 is on, and does not if it is off; in memory that
+    is reliable no error is told then, and no program that runs as cleared."""
     driver = MscDriver(session)
     before = driver.status()
     try:
@@ -178,6 +179,9 @@ def auto_start_is_what_power_up_does(session: Session) -> None:
             text = f"bit 0 {'on' if is_auto else 'off'}, as bit 6 is"
             names, came = ("MSC-STA-01", "MSC-STA-02"), f"{_bit(status, 0)}, {_bit(status, 6)}"
             session.expect(is_running == is_auto, names, text, came)
+            new = 0 if status & UNRELIABLE else status & ~before & ERRORS
+            text = "no error of a load or of the program that was not there before"
+            session.expect(not new, "MSC-STA-02", text, f"RQSTAT = {status:04X}h")
     finally:
         _restart(session)
     driver.until(lambda: bool(driver.status() & RUNNING), REACTION_S)
@@ -205,6 +209,10 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
     values = driver.values(3)
     for place, value in zip(slots, values, strict=True):
         driver.write(place, value)
+    block = _block_beside(driver, slots)
+    in_block = driver.values(codec.BLOCK_VALUES)
+    if block is not None:
+        driver.write_block(block, in_block)
     driver.target.wait(STORING_S)
     try:
         status = _power_cycle(driver)
@@ -214,6 +222,9 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
     seen = [driver.read(place) for place in slots]
     is_shown = bool(status & UNRELIABLE)
     names = ("MSC-STA-02", "MSC-DREAD-02")
+    if block is not None and not is_shown:
+        there, text = driver.read_block(block), codec.listed(in_block)
+        session.expect(list(there) == in_block, names, [text, "bit 2 on"], codec.listed(there))
     places, held, written = (
         codec.listed(numbers).replace(" ", ", ") for numbers in (slots, seen, values)
     )
@@ -233,6 +244,15 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
         ),
     )
     session.expect(is_shown or seen == values, names, [values, "bit 2 on"], told)
+
+
+def _block_beside(driver: MscDriver, slots: Sequence[int]) -> int | None:
+    """Where a whole block of named variables begins in which none of these is; None: nowhere."""
+    for first in driver.scratch.spots(1 << 16):
+        block = range(first, first + SAFE_BLOCK)
+        if block[-1] in driver.scratch.variables and not set(block) & set(slots):
+            return first
+    return None
 
 
 @check("MSC-STA-02", safety=("stored", "rig"), needs=("rig:power", "rig:battery", "variables"))
