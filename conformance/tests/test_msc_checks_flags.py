@@ -393,6 +393,7 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
     (BATTERY, twisted(set_battery=silent_battery), "MSC-STA-02"),
     (BATTERY, twisted(set_battery=low_for_ever), "MSC-STA-02"),
     ("a_stopped_controller_still_serves", twisted(serve=half_served), "MSC-DWRITE-02"),
+    ("a_stopped_controller_still_turns_flags", twisted(turn=lost_flag), "MSC-SFLAG-02"),
     ("a_controller_that_is_loaded_still_serves", twisted(serve=half_refused), "MSC-STA-02"),
     ("a_flag_of_the_machine_follows_the_machine", twisted(work=two_at_once), "MSC-FLG-03"),
     ("a_flag_of_the_machine_follows_the_machine", twisted(work=inverted), "MSC-RFLAG-01"),

@@ -55,13 +55,22 @@ def each_packet_draws_one_sign(session: Session) -> None:
 
 @check("MSC-LNK-04", "MSC-LNK-14", safety="stored", needs=("variables",))
 def a_write_draws_the_ack_and_nothing_else(session: Session) -> None:
-    """DWRITE and BWRITE, SFLAG and CFLAG of a named flag, draw ACK, then silence; a stray ACK of
-    the host does no harm."""
+    """DWRITE and BWRITE draw ACK, then silence; a stray ACK of the host does no harm."""
     driver = MscDriver(session)
     spot = driver.scratch.block_spot()
-    bodies = [codec.dwrite(spot, 77), codec.bwrite(spot, range(32))]
-    for number in driver.scratch.some_flags(1) if driver.scratch.flags else ():
-        bodies += [codec.sflag(number), codec.cflag(number)]
+    _judge_writes(driver, codec.dwrite(spot, 77), codec.bwrite(spot, range(32)))
+
+
+@check("MSC-LNK-04", "MSC-LNK-14", safety="stored", needs=("flags",))
+def a_flag_that_is_turned_draws_the_ack_and_nothing_else(session: Session) -> None:
+    """So do SFLAG and CFLAG."""
+    driver = MscDriver(session)
+    (number,) = driver.scratch.some_flags(1)
+    _judge_writes(driver, codec.sflag(number), codec.cflag(number))
+
+
+def _judge_writes(driver: MscDriver, *bodies: bytes) -> None:
+    session = driver.session
     for body in bodies:
         raw = driver.client.request(body)
         session.target.drain()

@@ -167,7 +167,7 @@ def _state(on: bool) -> str:
 @check(
     "MSC-FLG-03", "MSC-LNK-01", "MSC-DREAD-02", "MSC-DWRITE-02", "MSC-BWRITE-02", "MSC-BREAD-03",
     "MSC-SFLAG-02", "MSC-CFLAG-02", "MSC-RFLAG-02", "MSC-STA-02", safety=("stored", "motion"),
-    needs=("program",),
+    needs=("program", "flags"),
 )  # fmt: skip
 def each_command_works_while_a_timer_runs(session: Session) -> None:
     """While the timer runs that the program has started each of the nine commands does and tells

@@ -292,9 +292,7 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
 
 # --- states ---------------------------------------------------------------------------------------
 
-ACCESS: Final = (
-    "MSC-STA-02", "MSC-DWRITE-02", "MSC-BWRITE-02", "MSC-SFLAG-02", "MSC-CFLAG-02", "MSC-RFLAG-01",
-)  # fmt: skip
+ACCESS: Final = ("MSC-STA-02", "MSC-DWRITE-02", "MSC-BWRITE-02", "MSC-RFLAG-01")
 
 
 @check(*ACCESS, safety=("stored", "rig"), needs=("rig:program", "variables"))
@@ -304,6 +302,19 @@ def a_stopped_controller_still_serves(session: Session) -> None:
     driver = MscDriver(session)
     session.rig.work("program", False)
     _judge_access(driver, "stopped_access")
+    session.rig.work("program", True)
+
+
+@check(
+    "MSC-STA-02", "MSC-SFLAG-02", "MSC-CFLAG-02", safety=("stored", "rig"),
+    needs=("rig:program", "flags"),
+)  # fmt: skip
+def a_stopped_controller_still_turns_flags(session: Session) -> None:
+    """With the program stopped SFLAG and CFLAG turn flags as ever, or are refused, as this device
+    reads it."""
+    driver = MscDriver(session)
+    session.rig.work("program", False)
+    _judge_access(driver, "stopped_access", is_of_flags=True)
     session.rig.work("program", True)
 
 
@@ -317,9 +328,9 @@ def a_controller_that_is_loaded_still_serves(session: Session) -> None:
     session.rig.work("status", False, number=LOADING)
 
 
-def _judge_access(driver: MscDriver, switch: str) -> None:
-    """Judge that data and flags are all served, or all refused."""
-    for body, wanted, names in _accesses(driver):
+def _judge_access(driver: MscDriver, switch: str, *, is_of_flags: bool = False) -> None:
+    """Judge that data, or flags, are all served, or all refused."""
+    for body, wanted, names in (_of_flags if is_of_flags else _of_variables)(driver):
         kind, exchange = driver.draws(driver.client.request(body))
         if kind == NAKED:
             driver.reading(switch, "nak", "MSC-STA-02")
@@ -332,7 +343,7 @@ def _judge_access(driver: MscDriver, switch: str) -> None:
             driver.session.expect(seen == wanted, names, wanted.hex(" "), exchange)
 
 
-def _accesses(driver: MscDriver) -> Iterator[tuple[bytes, bytes, str]]:
+def _of_variables(driver: MscDriver) -> Iterator[tuple[bytes, bytes, str]]:
     """Commands in turn, each with what its reply must tell (empty: there is none, or anything), and
     what that judges."""
     (place,), (value,) = driver.scratch.slots(1), driver.values(1)
@@ -343,11 +354,14 @@ def _accesses(driver: MscDriver) -> Iterator[tuple[bytes, bytes, str]]:
         (block,), values = driver.scratch.blocks(1), driver.values(codec.BLOCK_VALUES)
         yield codec.bwrite(block, values), b"", "MSC-BWRITE-02"
         yield codec.bread(block), b"".join(map(codec.i32, values)), "MSC-BWRITE-02"
-    for number in driver.scratch.some_flags(1) if driver.scratch.flags else ():
-        yield codec.sflag(number), b"", "MSC-SFLAG-02"
-        yield codec.rflag(number), codec.u16(1), "MSC-SFLAG-02"
-        yield codec.cflag(number), b"", "MSC-CFLAG-02"
-        yield codec.rflag(number), codec.u16(0), "MSC-CFLAG-02"
+
+
+def _of_flags(driver: MscDriver) -> Iterator[tuple[bytes, bytes, str]]:
+    """The same of a flag."""
+    (number,) = driver.scratch.some_flags(1)
+    for on, name, command in ((1, "SFLAG", codec.sflag), (0, "CFLAG", codec.cflag)):
+        yield command(number), b"", f"MSC-{name}-02"
+        yield codec.rflag(number), codec.u16(on), f"MSC-{name}-02"
 
 
 # --- flags of the machine -------------------------------------------------------------------------
