@@ -150,6 +150,11 @@ def lost_beside_a_timer(self: Controller, number: int, *, on: bool) -> bytes | N
     return b"" if on and is_timing(self) else Controller.turn(self, number, on=on)
 
 
+def lost_at_rest(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """SFLAG and CFLAG have no effect while no program runs."""
+    return Controller.turn(self, number, on=on) if self.status & RUNNING else b""
+
+
 def refused_beside_a_timer(self: Controller, one: Packet) -> bytes | None:
     """DWRITE draws NAK while the timer runs."""
     return None if is_timing(self) else Controller.dwrite(self, one)
@@ -393,7 +398,7 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
     (BATTERY, twisted(set_battery=silent_battery), "MSC-STA-02"),
     (BATTERY, twisted(set_battery=low_for_ever), "MSC-STA-02"),
     ("a_stopped_controller_still_serves", twisted(serve=half_served), "MSC-DWRITE-02"),
-    ("a_stopped_controller_still_turns_flags", twisted(turn=lost_flag), "MSC-SFLAG-02"),
+    ("a_stopped_controller_still_turns_flags", twisted(turn=lost_at_rest), "MSC-SFLAG-02"),
     ("a_controller_that_is_loaded_still_serves", twisted(serve=half_refused), "MSC-STA-02"),
     ("a_flag_of_the_machine_follows_the_machine", twisted(work=two_at_once), "MSC-FLG-03"),
     ("a_flag_of_the_machine_follows_the_machine", twisted(work=inverted), "MSC-RFLAG-01"),

@@ -264,6 +264,10 @@ LIES: dict[str, tuple[str, Make, str]] = {
     "two ACKs to a write": (
         "a_write_draws_the_ack_and_nothing_else", signs_spoilt(ACK, ACK + ACK), "MSC-LNK-14",
     ),
+    "two ACKs to a write of a flag": (
+        "a_flag_that_is_turned_draws_the_ack_and_nothing_else", signs_spoilt(ACK, ACK + ACK),
+        "MSC-LNK-14",
+    ),
     "a stray ACK is answered": (
         "a_write_draws_the_ack_and_nothing_else", answering({ACK: NAK}), "MSC-LNK-14",
     ),
