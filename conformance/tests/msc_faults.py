@@ -239,3 +239,45 @@ def needed_by(check: Check) -> dict[str, Any]:
 def sound(check: Check) -> TwinPort:
     """A unit without fault that has what a check needs."""
     return TwinPort(**needed_by(check))
+
+
+def doubled(raw: bytes) -> bytes:
+    """The packet twice."""
+    return raw + raw
+
+
+def only_low(raw: bytes) -> bool:
+    """True if the low byte of the sum is right."""
+    return raw[-1] == codec.checksum(raw[1:-2]) & 0xFF
+
+
+def has_odd_body(raw: bytes) -> bool:
+    """True for a body of odd length."""
+    return raw[3] % 2 == 1
+
+
+def values_reversed(raw: bytes) -> bytes:
+    """A DREAD reply with its value low byte first."""
+    is_value = raw[6:12] == b"DREAD,"
+    return resummed(raw[:12] + raw[-3:-7:-1] + raw[-2:]) if is_value else raw
+
+
+def no_xoff(raw: bytes) -> bytes:
+    """The bytes without XON and XOFF, as a terminal driver hands them on."""
+    return raw.translate(None, b"\x11\x13")
+
+
+def length_swapped(raw: bytes) -> bytes:
+    """The packet with its length low byte first."""
+    return resummed(raw[:2] + raw[3:1:-1] + raw[4:])
+
+
+def flags_reversed(raw: bytes) -> bytes:
+    """An RFLAGS reply with its bytes in the other order."""
+    is_flags = raw[6:13] == b"RFLAGS,"
+    return resummed(raw[:13] + raw[-3:12:-1] + raw[-2:]) if is_flags else raw
+
+
+def for_block_0(raw: bytes) -> bool:
+    """True for a packet whose block number is not 0."""
+    return raw[4:6] != b"\x00\x00"

@@ -14,6 +14,7 @@ from msc_controller import (
     PULSE,
     RUNNING,
     TIMED,
+    TIMER,
     USER,
     Controller,
     answers,
@@ -33,6 +34,7 @@ pytestmark = pytest.mark.strength
 ERROR_BIT = 12
 STATUS = "the_status_is_followed_by_what_carries_nothing"
 COUNTS = "the_program_sees_a_flag_and_the_host_its_count"
+BESIDE = "each_command_works_while_a_timer_runs"
 BATTERY = "without_its_battery_memory_is_not_reliable"
 WHOLE = "the_program_sees_a_block_whole"
 HOST = "the_host_cannot_turn_a_flag_of_the_machine"
@@ -136,6 +138,31 @@ def torn_now_and_then(self: Controller, one: Packet) -> bytes | None:
 def loses_block(self: Controller, one: Packet) -> bytes | None:
     """Blocks to the program's place that are not stored."""
     return b"" if one.numbers[0] == BLOCK else Controller.bwrite(self, one)
+
+
+def is_timing(self: Controller) -> bool:
+    """Whether the timer of the program runs."""
+    return TIMER in self.states()
+
+
+def lost_beside_a_timer(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """SFLAG has no effect while the timer runs."""
+    return b"" if on and is_timing(self) else Controller.turn(self, number, on=on)
+
+
+def lost_at_rest(self: Controller, number: int, *, on: bool) -> bytes | None:
+    """SFLAG and CFLAG have no effect while no program runs."""
+    return Controller.turn(self, number, on=on) if self.status & RUNNING else b""
+
+
+def refused_beside_a_timer(self: Controller, one: Packet) -> bytes | None:
+    """DWRITE draws NAK while the timer runs."""
+    return None if is_timing(self) else Controller.dwrite(self, one)
+
+
+def busy_beside_a_timer(self: Controller, one: Packet) -> bytes | None:
+    """Bit 7 is on while the timer runs."""
+    return codec.u16(self.status | 128 * is_timing(self)) + bytes(6)
 
 
 def endless_timer(self: Controller, now_ns: int) -> None:
@@ -353,6 +380,10 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
     (PULSED, twisted(turn=sticks), "MSC-CFLAG-02"),
     ("a_timer_flag_follows_its_timer", twisted(pass_by=endless_timer), "MSC-FLG-03"),
     ("a_timer_flag_follows_its_timer", twisted(pass_by=taken_but_on), "MSC-FLG-03"),
+    (BESIDE, twisted(pass_by=endless_timer), "MSC-FLG-03"),
+    (BESIDE, twisted(turn=lost_beside_a_timer), "MSC-SFLAG-02"),
+    (BESIDE, twisted(dwrite=refused_beside_a_timer), "MSC-LNK-01"),
+    (BESIDE, twisted(rqstat=busy_beside_a_timer), "MSC-STA-02"),
     ("a_program_that_ends_turns_bit_0_off", twisted(run_program=deaf_bit), "MSC-STA-01"),
     ("a_program_that_ends_turns_bit_0_off", Unstoppable, "MSC-STA-02"),
     ("each_condition_has_a_bit_of_its_own", twisted(set_status=other_bit), "MSC-STA-02"),
@@ -367,6 +398,7 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
     (BATTERY, twisted(set_battery=silent_battery), "MSC-STA-02"),
     (BATTERY, twisted(set_battery=low_for_ever), "MSC-STA-02"),
     ("a_stopped_controller_still_serves", twisted(serve=half_served), "MSC-DWRITE-02"),
+    ("a_stopped_controller_still_turns_flags", twisted(turn=lost_at_rest), "MSC-SFLAG-02"),
     ("a_controller_that_is_loaded_still_serves", twisted(serve=half_refused), "MSC-STA-02"),
     ("a_flag_of_the_machine_follows_the_machine", twisted(work=two_at_once), "MSC-FLG-03"),
     ("a_flag_of_the_machine_follows_the_machine", twisted(work=inverted), "MSC-RFLAG-01"),

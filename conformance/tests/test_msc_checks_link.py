@@ -11,6 +11,12 @@ from msc_faults import (
     at_bad_characters,
     confused,
     dropping_repeated_writes,
+    flags_reversed,
+    for_block_0,
+    has_odd_body,
+    length_swapped,
+    no_xoff,
+    only_low,
     packets_spoilt,
     refusing,
     repeating_what_is_over,
@@ -23,6 +29,7 @@ from msc_faults import (
     swapped_sum,
     talking,
     twin,
+    values_reversed,
     with_byte,
     with_fault,
 )
@@ -65,48 +72,6 @@ def test_a_dead_unit_passes_nothing_but_silence(name: str) -> None:
     port.spoil = lambda data: b""
     findings = judge(name, port)
     assert any(one.verdict is Verdict.FAIL for one in findings), findings
-
-
-def doubled(raw: bytes) -> bytes:
-    """The packet twice."""
-    return raw + raw
-
-
-def only_low(raw: bytes) -> bool:
-    """True if the low byte of the sum is right."""
-    return raw[-1] == codec.checksum(raw[1:-2]) & 0xFF
-
-
-def has_odd_body(raw: bytes) -> bool:
-    """True for a body of odd length."""
-    return raw[3] % 2 == 1
-
-
-def values_reversed(raw: bytes) -> bytes:
-    """A DREAD reply with its value low byte first."""
-    is_value = raw[6:12] == b"DREAD,"
-    return resummed(raw[:12] + raw[-3:-7:-1] + raw[-2:]) if is_value else raw
-
-
-def no_xoff(raw: bytes) -> bytes:
-    """The bytes without XON and XOFF, as a terminal driver hands them on."""
-    return raw.translate(None, b"\x11\x13")
-
-
-def length_swapped(raw: bytes) -> bytes:
-    """The packet with its length low byte first."""
-    return resummed(raw[:2] + raw[3:1:-1] + raw[4:])
-
-
-def flags_reversed(raw: bytes) -> bytes:
-    """An RFLAGS reply with its bytes in the other order."""
-    is_flags = raw[6:13] == b"RFLAGS,"
-    return resummed(raw[:13] + raw[-3:12:-1] + raw[-2:]) if is_flags else raw
-
-
-def for_block_0(raw: bytes) -> bool:
-    """True for a packet whose block number is not 0."""
-    return raw[4:6] != b"\x00\x00"
 
 
 def restarting(patch: pytest.MonkeyPatch) -> TwinPort:
@@ -263,6 +228,10 @@ LIES: dict[str, tuple[str, Make, str]] = {
     ),
     "two ACKs to a write": (
         "a_write_draws_the_ack_and_nothing_else", signs_spoilt(ACK, ACK + ACK), "MSC-LNK-14",
+    ),
+    "two ACKs to a write of a flag": (
+        "a_flag_that_is_turned_draws_the_ack_and_nothing_else", signs_spoilt(ACK, ACK + ACK),
+        "MSC-LNK-14",
     ),
     "a stray ACK is answered": (
         "a_write_draws_the_ack_and_nothing_else", answering({ACK: NAK}), "MSC-LNK-14",

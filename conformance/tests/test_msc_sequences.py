@@ -167,7 +167,7 @@ def test_on_a_line_that_may_lose_bytes_the_lists_are_few_and_short() -> None:
     case.run()
     assert case.failed == {}
     (covered,) = [one for one in case.events if isinstance(one, StatesCovered)]
-    assert covered.operations == 6 * 30
+    assert covered.operations == 5 * 30
 
 
 # --- faulty ones ----------------------------------------------------------------------------------

@@ -16,10 +16,12 @@ from zoo_msc import (
     line,
     link,
     packets,
+    succession,
 )
 
 FAMILIES = (
     line, packets, link, host_repeats, commands, data, flags, forms, contents, leftovers,
+    succession,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(

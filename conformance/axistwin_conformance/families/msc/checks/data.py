@@ -207,6 +207,21 @@ def a_block_written_is_the_block_read(session: Session) -> None:
         session.expect(changed == ~values[0], ("MSC-BREAD-04", "MSC-PROP-12"), text, changed)
 
 
+@check("MSC-BWRITE-02", "MSC-BREAD-03", safety="stored", needs=("variables",))
+def values_of_a_block_may_be_alike(session: Session) -> None:
+    """A block of 32 equal values, of two by turns, or of others between two equal ends, comes back
+    as it was written, whatever was there."""
+    driver = MscDriver(session)
+    (address,) = driver.scratch.blocks(1)
+    (one, other), within = driver.values(2), driver.values(BLOCK_VALUES - 2)
+    half = BLOCK_VALUES // 2
+    for values in ([one] * BLOCK_VALUES, [other, one] * half, [one, *within, one]):
+        driver.write_block(address, values)
+        seen, text = driver.read_block(address), codec.listed(values)
+        names = ("MSC-BWRITE-02", "MSC-BREAD-03")
+        session.expect(list(seen) == values, names, text, codec.listed(seen))
+
+
 def _judge_singles(driver: MscDriver, address: int, block: Sequence[int]) -> None:
     """Hold a block against single reads (PROP-12)."""
     for number, place in driver.scratch.within_block(address):

@@ -60,7 +60,20 @@ def a_write_draws_the_ack_and_nothing_else(session: Session) -> None:
     """DWRITE and BWRITE draw ACK, then silence; a stray ACK of the host does no harm."""
     driver = MscDriver(session)
     spot = driver.scratch.block_spot()
-    for body in (codec.dwrite(spot, 77), codec.bwrite(spot, range(32))):
+    _judge_writes(driver, codec.dwrite(spot, 77), codec.bwrite(spot, range(32)))
+
+
+@check("MSC-LNK-04", "MSC-LNK-14", safety="stored", needs=("flags",))
+def a_flag_that_is_turned_draws_the_ack_and_nothing_else(session: Session) -> None:
+    """So do SFLAG and CFLAG."""
+    driver = MscDriver(session)
+    (number,) = driver.scratch.some_flags(1)
+    _judge_writes(driver, codec.sflag(number), codec.cflag(number))
+
+
+def _judge_writes(driver: MscDriver, *bodies: bytes) -> None:
+    session = driver.session
+    for body in bodies:
         raw = driver.client.request(body)
         session.target.drain()
         session.target.send(raw)
@@ -251,14 +264,19 @@ def a_new_packet_ends_the_wait_for_the_hosts_sign(session: Session) -> None:
     driver.link.alive("MSC-LNK-08")
 
 
-def must_serve_amid_a_wait(driver: MscDriver) -> None:
-    """Go on only where a packet instead of a sign is served (MSC-AMB-27)."""
+def reason_not_served_amid_a_wait(driver: MscDriver) -> str:
+    """Why a packet instead of a sign may not be served (MSC-AMB-27); empty: it is."""
     session, switch = driver.session, "stx_while_waiting"
     detection = session.run.detections.get(switch)
     left = detection.candidates if detection and switch not in session.readings else ()
     seen = left or (session.reading(switch),)
-    if seen != ("serve",):
-        session.skip(f"this device has {switch}={' or '.join(seen)}")
+    return "" if seen == ("serve",) else f"this device has {switch}={' or '.join(seen)}"
+
+
+def must_serve_amid_a_wait(driver: MscDriver) -> None:
+    """Go on only where a packet instead of a sign is served."""
+    if reason := reason_not_served_amid_a_wait(driver):
+        driver.session.skip(reason)
 
 
 def _reply_is_gone(driver: MscDriver, names: tuple[str, ...], what: str) -> None:

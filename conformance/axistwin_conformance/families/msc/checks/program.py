@@ -11,7 +11,9 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.msc import codec
-from axistwin_conformance.families.msc.codec import ACK, BLOCK_VALUES
+from axistwin_conformance.families.msc.checks.status import AUTO_START, LOADS
+from axistwin_conformance.families.msc.checks.succession import LONG, SELF_TEST, Succession
+from axistwin_conformance.families.msc.codec import ACK, BLOCK_VALUES, NAK
 from axistwin_conformance.families.msc.program import REACTION_S, BenchProgram
 
 ORDER = 140  # of this module in a run; see `Family.modules`
@@ -25,21 +27,29 @@ LATE_S: Final = 0.2  # what a real program and a real line may add to it
 
 
 @check(
-    "MSC-SFLAG-02", "MSC-DREAD-02", "MSC-PKT-14", safety=("stored", "motion"), needs=("program",),
+    "MSC-SFLAG-02", "MSC-DREAD-02", "MSC-PKT-14", "MSC-LNK-14", safety=("stored", "motion"),
+    needs=("program",),
 )  # fmt: skip
 def the_program_sees_a_flag_and_the_host_its_count(session: Session) -> None:
-    """A flag set once makes the program count once, however long nobody asks; the host reads the
-    count and finds the flag cleared."""
+    """A flag set once makes the program count once, however long nobody asks, and whatever sign of
+    ours comes behind it; the host reads the count and finds the flag cleared."""
     program = BenchProgram(session)
     program.must_run()
-    for _ in range(3):
+    is_heeded = session.reading("stray_nak") != "ignore" or session.neighbours
+    for sign in (b"", ACK, ACK if is_heeded else NAK):
         before = program.counter()
         program.driver.set_flag(program.count)
+        program.driver.target.wait(TIMER_S)  # until the program has used the flag up
+        if sign:
+            program.driver.target.send(sign)
         program.taken(program.count, "MSC-SFLAG-02")
         program.driver.target.wait(5 * TIMER_S)
         seen = program.counter() - before
-        names = ("MSC-SFLAG-02", "MSC-DREAD-02", "MSC-PKT-14")
-        session.expect(seen == 1, names, "counted once", f"{seen} times")
+        names = (
+            ("MSC-LNK-14",) if sign and seen > 1 else ("MSC-SFLAG-02", "MSC-DREAD-02", "MSC-PKT-14")
+        )
+        behind = f", {codec.explain(sign)} of ours behind it" if sign else ""
+        session.expect(seen == 1, names, f"counted once{behind}", f"{seen} times")
 
 
 @check("MSC-BWRITE-06", safety=("stored", "motion"), needs=("program",))
@@ -155,18 +165,62 @@ def _state(on: bool) -> str:
 
 
 @check(
+    "MSC-FLG-03", "MSC-LNK-01", "MSC-DREAD-02", "MSC-DWRITE-02", "MSC-BWRITE-02", "MSC-BREAD-03",
+    "MSC-SFLAG-02", "MSC-CFLAG-02", "MSC-RFLAG-02", "MSC-STA-02", safety=("stored", "motion"),
+    needs=("program", "flags"),
+)  # fmt: skip
+def each_command_works_while_a_timer_runs(session: Session) -> None:
+    """While the timer runs that the program has started each of the nine commands does and tells
+    what it does and tells at rest; and the timer runs on to its end."""
+    program = BenchProgram(session)
+    program.must_run()
+    row = Succession(session)
+    row.prepare()
+    for name in (*row.reads, *row.writings, *row.writings):
+        set_ns = program.driver.set_flag(program.timed).asked_ns
+        session.target.wait(0 if name in LONG else SCANS_S)
+        row.carry_out((name,))
+        _judge_timer(program, set_ns, name)
+    row.conclude()
+
+
+def _judge_timer(program: BenchProgram, set_ns: int, name: str) -> None:
+    """Judge that the timer runs that was started by a flag set then, and comes to its end."""
+    driver = program.driver
+    session, on = driver.session, driver.session.reading("timer_flag") == "running"
+
+    def is_running() -> bool:
+        return driver.flag(TIMER) == on
+
+    # A program that takes its time has not begun it yet.
+    is_so = (
+        is_running() or driver.target.now_ns - set_ns > TIMER_S * 1e9 or program.until(is_running)
+    )
+    session.expect(is_so, "MSC-FLG-03", f"timer {TIMER} runs beside {name}", "it does not")
+    is_over = program.until(lambda: not is_running())
+    text = f"timer {TIMER} over within {REACTION_S:g} s"
+    session.expect(is_over, "MSC-FLG-03", text, "it is not")
+
+
+@check(
     "MSC-STA-01", "MSC-STA-02", safety=("stored", "motion", "rig"), needs=("program", "rig:program")
 )
 def a_program_that_ends_turns_bit_0_off(session: Session) -> None:
-    """When the bench program stops itself bit 0 goes off, nothing counts any more, and data and
-    flags stay readable; started again, it counts on."""
+    """When the bench program stops itself bit 0 goes off and no bit beside it that tells of auto
+    start, self-test or loads, nothing counts any more, and data and flags stay readable; started
+    again, it counts on."""
     program = BenchProgram(session)
     program.must_run()
+    before = program.driver.status()
     try:
         program.driver.set_flag(program.halt)
         names = ("MSC-STA-01", "MSC-STA-02")
         is_off = program.until(lambda: not program.driver.status() & 1)
         session.expect(is_off, names, f"bit 0 off within {REACTION_S:g} s of its end", "on")
+        status = program.driver.status()
+        is_kept = not (status ^ before) & (AUTO_START | SELF_TEST | LOADS)
+        text = f"no other bit changed: {before & ~1:04X}h"
+        session.expect(is_kept, "MSC-STA-02", text, f"RQSTAT = {status:04X}h")
         if session.reading("stopped_access") == "allow":
             session.expect(not program.is_running(), "MSC-STA-02", "nothing counts", "ticks go on")
     finally:

@@ -19,12 +19,14 @@ from axistwin_conformance.families.msc.checks.flags import NO_RFLAGS, judge_agre
 from axistwin_conformance.families.msc.checks.status import AUTO_START, RUNNING
 from axistwin_conformance.families.msc.driver import ACKED, NAKED, SERVED, MscDriver
 from axistwin_conformance.families.msc.program import REACTION_S
+from axistwin_conformance.families.msc.scratch import SAFE_BLOCK
 
 ORDER = 160  # of this module in a run; see `Family.modules`
 
 CONDITIONS: Final = tuple(range(1, 16))  # bit 0 is the program itself
 LOADING: Final = 10
-SELF_TEST, BATTERY_LOW, UNRELIABLE = 128, 2, 4
+SELF_TEST, BATTERY_LOW, UNRELIABLE, CLEARED = 128, 2, 4, 8
+ERRORS: Final = 0xFF00
 AN_ERROR: Final = 12
 # Inputs, timers and motors, as twins number them; what a rig cannot work is left out.
 MACHINE_FLAGS: Final = (0, 3, 7, 8, 15, 33, 39, 40, 45, 71)
@@ -138,36 +140,56 @@ def an_error_is_told_until_it_is_over(session: Session) -> None:
 @check("MSC-STA-01", "MSC-STA-02", safety="rig", needs=("rig:program",))
 def bit_0_is_the_program(session: Session) -> None:
     """Stopping the macroprogram turns bit 0 off, starting it turns bit 0 on: 1, or 65 with auto
-    start."""
+    start, which does not change with it."""
     driver = MscDriver(session)
     names = ("MSC-STA-01", "MSC-STA-02")
+    is_auto = driver.status() & AUTO_START
     for _ in range(2):
         for is_on in (False, True):
             session.rig.work("program", is_on)
             so = driver.until(lambda: bool(driver.status() & RUNNING) is is_on, REACTION_S)  # noqa: B023 - called here
             text = f"bit 0 {'on' if is_on else 'off'}"
-            session.expect(so, names, text, _bit(driver.status(), 0))
+            status = driver.status()
+            session.expect(so, names, text, _bit(status, 0))
+            is_kept = status & AUTO_START == is_auto
+            session.expect(is_kept, names, f"{text}, bit 6 as before", _bit(status, 6))
     if "status" in session.rig.capabilities:
         session.rig.work("status", True, number=6)
         seen = driver.status()
         both = RUNNING | AUTO_START
         came = f"{_bit(seen, 0)}, {_bit(seen, 6)}"
         session.expect(seen & both == both, "MSC-STA-01", "bit 0 on, bit 6 on", came)
+        session.rig.work("program", False)
+        driver.until(lambda: not driver.status() & RUNNING, REACTION_S)
+        seen = driver.status()
+        session.expect(bool(seen & AUTO_START), "MSC-STA-02", "bit 6 on as before", _bit(seen, 6))
+        session.rig.work("program", True)
         session.rig.work("status", False, number=6)
 
 
 @check("MSC-STA-01", "MSC-STA-02", safety="rig", needs=("rig:power", "rig:program"))
 def auto_start_is_what_power_up_does(session: Session) -> None:
-    """After power-up the program runs if bit 6 is on, and does not if it is off."""
+    """After power-up the program runs if bit 6 is on, and does not if it is off; in memory that
+    is reliable no error is told then, and no program that runs as cleared."""
     driver = MscDriver(session)
+    before = driver.status()
     try:
         for status in _power_ups(driver):
             is_running, is_auto = bool(status & RUNNING), bool(status & AUTO_START)
             text = f"bit 0 {'on' if is_auto else 'off'}, as bit 6 is"
             names, came = ("MSC-STA-01", "MSC-STA-02"), f"{_bit(status, 0)}, {_bit(status, 6)}"
             session.expect(is_running == is_auto, names, text, came)
+            new = 0 if status & UNRELIABLE else status & ~before & ERRORS
+            text = "no error of a load or of the program that was not there before"
+            session.expect(not new, "MSC-STA-02", text, f"RQSTAT = {status:04X}h")
     finally:
         _restart(session)
+    driver.until(lambda: bool(driver.status() & RUNNING), REACTION_S)
+    after = driver.status()
+    is_there = bool(after & RUNNING and not after & UNRELIABLE)
+    is_told = is_there and bool(after & ~before & CLEARED)
+    text = f"bit {CLEARED.bit_length() - 1} off: the program runs, and was not loaded"
+    session.expect(not is_told, "MSC-STA-02", text, f"RQSTAT = {after:04X}h")
 
 
 def _power_ups(driver: MscDriver) -> Iterator[int]:
@@ -187,6 +209,10 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
     values = driver.values(3)
     for place, value in zip(slots, values, strict=True):
         driver.write(place, value)
+    block = _block_beside(driver, slots)
+    in_block = driver.values(codec.BLOCK_VALUES)
+    if block is not None:
+        driver.write_block(block, in_block)
     driver.target.wait(STORING_S)
     try:
         status = _power_cycle(driver)
@@ -196,6 +222,9 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
     seen = [driver.read(place) for place in slots]
     is_shown = bool(status & UNRELIABLE)
     names = ("MSC-STA-02", "MSC-DREAD-02")
+    if block is not None and not is_shown:
+        there, text = driver.read_block(block), codec.listed(in_block)
+        session.expect(list(there) == in_block, names, [text, "bit 2 on"], codec.listed(there))
     places, held, written = (
         codec.listed(numbers).replace(" ", ", ") for numbers in (slots, seen, values)
     )
@@ -215,6 +244,15 @@ def memory_is_kept_or_said_not_to_be(session: Session) -> None:
         ),
     )
     session.expect(is_shown or seen == values, names, [values, "bit 2 on"], told)
+
+
+def _block_beside(driver: MscDriver, slots: Sequence[int]) -> int | None:
+    """Where a whole block of named variables begins in which none of these is; None: nowhere."""
+    for first in driver.scratch.spots(1 << 16):
+        block = range(first, first + SAFE_BLOCK)
+        if block[-1] in driver.scratch.variables and not set(block) & set(slots):
+            return first
+    return None
 
 
 @check("MSC-STA-02", safety=("stored", "rig"), needs=("rig:power", "rig:battery", "variables"))
@@ -254,7 +292,7 @@ def without_its_battery_memory_is_not_reliable(session: Session) -> None:
 
 # --- states ---------------------------------------------------------------------------------------
 
-ACCESS: Final = ("MSC-STA-02", "MSC-DWRITE-02", "MSC-RFLAG-01")
+ACCESS: Final = ("MSC-STA-02", "MSC-DWRITE-02", "MSC-BWRITE-02", "MSC-RFLAG-01")
 
 
 @check(*ACCESS, safety=("stored", "rig"), needs=("rig:program", "variables"))
@@ -264,6 +302,19 @@ def a_stopped_controller_still_serves(session: Session) -> None:
     driver = MscDriver(session)
     session.rig.work("program", False)
     _judge_access(driver, "stopped_access")
+    session.rig.work("program", True)
+
+
+@check(
+    "MSC-STA-02", "MSC-SFLAG-02", "MSC-CFLAG-02", safety=("stored", "rig"),
+    needs=("rig:program", "flags"),
+)  # fmt: skip
+def a_stopped_controller_still_turns_flags(session: Session) -> None:
+    """With the program stopped SFLAG and CFLAG turn flags as ever, or are refused, as this device
+    reads it."""
+    driver = MscDriver(session)
+    session.rig.work("program", False)
+    _judge_access(driver, "stopped_access", is_of_flags=True)
     session.rig.work("program", True)
 
 
@@ -277,22 +328,40 @@ def a_controller_that_is_loaded_still_serves(session: Session) -> None:
     session.rig.work("status", False, number=LOADING)
 
 
-def _judge_access(driver: MscDriver, switch: str) -> None:
-    """Judge that data and flags are all served, or all refused."""
-    (place,), (value,) = driver.scratch.slots(1), driver.values(1)
-    for body in (codec.rflag(0), codec.dwrite(place, value), codec.dread(place)):
+def _judge_access(driver: MscDriver, switch: str, *, is_of_flags: bool = False) -> None:
+    """Judge that data, or flags, are all served, or all refused."""
+    for body, wanted, names in (_of_flags if is_of_flags else _of_variables)(driver):
         kind, exchange = driver.draws(driver.client.request(body))
-        name = body.partition(codec.COMMA)[0].decode()
-        names = {"RFLAG": "MSC-RFLAG-01"}.get(name, "MSC-DWRITE-02")
         if kind == NAKED:
             driver.reading(switch, "nak", "MSC-STA-02")
             continue
-        right = ACKED if name in codec.WRITES else SERVED
+        right = ACKED if codec.name_of(body) in codec.WRITES else SERVED
         driver.session.expect(kind == right, names, [right, NAKED], exchange)
         driver.reading(switch, "allow", "MSC-STA-02")
-        if name == "DREAD":
-            seen = exchange.reply.values if exchange.reply else None
-            driver.session.expect(seen == (value,), names, f"{value} at {place}", seen)
+        if wanted:
+            seen = exchange.reply.payload if exchange.reply else b""
+            driver.session.expect(seen == wanted, names, wanted.hex(" "), exchange)
+
+
+def _of_variables(driver: MscDriver) -> Iterator[tuple[bytes, bytes, str]]:
+    """Commands in turn, each with what its reply must tell (empty: there is none, or anything), and
+    what that judges."""
+    (place,), (value,) = driver.scratch.slots(1), driver.values(1)
+    yield codec.rflag(0), b"", "MSC-RFLAG-01"
+    yield codec.dwrite(place, value), b"", "MSC-DWRITE-02"
+    yield codec.dread(place), codec.i32(value), "MSC-DWRITE-02"
+    if len(driver.scratch.variables) >= 2 * SAFE_BLOCK:
+        (block,), values = driver.scratch.blocks(1), driver.values(codec.BLOCK_VALUES)
+        yield codec.bwrite(block, values), b"", "MSC-BWRITE-02"
+        yield codec.bread(block), b"".join(map(codec.i32, values)), "MSC-BWRITE-02"
+
+
+def _of_flags(driver: MscDriver) -> Iterator[tuple[bytes, bytes, str]]:
+    """The same of a flag."""
+    (number,) = driver.scratch.some_flags(1)
+    for on, name, command in ((1, "SFLAG", codec.sflag), (0, "CFLAG", codec.cflag)):
+        yield command(number), b"", f"MSC-{name}-02"
+        yield codec.rflag(number), codec.u16(on), f"MSC-{name}-02"
 
 
 # --- flags of the machine -------------------------------------------------------------------------

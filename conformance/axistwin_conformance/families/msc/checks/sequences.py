@@ -14,7 +14,7 @@ from axistwin_conformance.sequences.generated import Amount, replay_of, run_gene
 ORDER = 120  # of this module in a run; see `Family.modules`
 
 FREE: Final = Amount(120, {"quick": 4, "full": 40})
-REAL: Final = Amount(30, {"quick": 1, "full": 6})
+REAL: Final = Amount(30, {"quick": 1, "full": 5})
 NEEDS: Final = ("variables", "flags")
 
 

@@ -291,7 +291,9 @@ def _uart_reading(driver: MscDriver, sent_ns: int, at_once_ns: int, place: int) 
 # --- power ----------------------------------------------------------------------------------------
 
 
-@check("MSC-PHY-04", "MSC-PHY-03", safety=("rig", "motion"), needs=("rig:power",))
+@check(
+    "MSC-PHY-04", "MSC-PHY-03", "MSC-LNK-01", safety=("rig", "motion"), needs=("rig:power",),
+)  # fmt: skip
 def power_up_says_nothing(session: Session) -> None:
     """Neither losing its supply nor getting it back makes a unit say anything, whatever it was at;
     then it serves, counting from 0.  (power cycle in every state)"""
@@ -307,7 +309,7 @@ def power_up_says_nothing(session: Session) -> None:
         driver.link.nothing_more(names, f"a power cut while {state}", driver.link.glance_s)
         session.rig.work("power", True)
         driver.link.nothing_more(names, f"power-up after a cut while {state}", longer_s)
-        driver.link.alive("MSC-PHY-04")
+        driver.link.alive(("MSC-PHY-04", "MSC-LNK-01"))
         driver.link.unanswered()
         for number in range(driver.link.limit):
             text = f"repeat {number + 1} of {driver.link.limit}"

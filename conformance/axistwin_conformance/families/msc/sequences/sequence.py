@@ -106,12 +106,15 @@ class UnitSequence(Steps):
 
     def follows(self, *switches: str) -> bool:
         """True if the unit follows the default readings of these switches, as far as known."""
-        ledger, seen = self.driver.session.run.ledger, self.driver.session.readings
-        return all(
-            seen.get(switch, default) == default
-            for switch in switches
-            for default in (ledger.ambiguity_of(switch).default_of(switch),)
-        )
+        return all(map(self._follows, switches))
+
+    def _follows(self, switch: str) -> bool:
+        run = self.driver.session.run
+        default = run.ledger.ambiguity_of(switch).default_of(switch)
+        if switch in self.driver.session.readings or switch not in run.detections:
+            return self.driver.session.readings.get(switch, default) == default
+        candidates = run.detections[switch].candidates  # which of them it is nobody could tell
+        return not candidates or default in candidates
 
     # --- doing ------------------------------------------------------------------------------------
 
