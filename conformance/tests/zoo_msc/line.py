@@ -120,6 +120,12 @@ def values_with_xon_or_xoff_are_refused(patch: MonkeyPatch) -> None:
     bodies(patch, act)
 
 
+@msc_mutant("MSC-PKT-15")
+def two_of_10h_in_a_row_count_as_one(patch: MonkeyPatch) -> None:
+    """Its receiver takes stuffing out that nobody has put in: the body comes out short."""
+    bodies(patch, lambda go, unit, now, body: REFUSED if b"\x10\x10" in body else go())
+
+
 # --- T1 ------------------------------------------------------------------------------------------
 
 

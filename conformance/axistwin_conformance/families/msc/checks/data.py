@@ -235,12 +235,13 @@ def _judge_singles(driver: MscDriver, address: int, block: Sequence[int]) -> Non
 
 @check("MSC-BWRITE-02", "MSC-BREAD-03", safety="stored", needs=("variables",))
 def every_byte_may_stand_in_every_place_of_a_value(session: Session) -> None:
-    """Each of the 256 bytes comes back by BREAD from each of the four places of a value."""
+    """Each of the 256 bytes comes back by BREAD from each of the four places of a value, two of
+    the same side by side."""
     driver = MscDriver(session)
     (address,) = driver.scratch.blocks(1)
     for first in range(0, 0x100, BLOCK_VALUES):
         places = range(first, first + BLOCK_VALUES)
-        rows = [bytes(byte + step & 0xFF for step in range(0, 0x100, 0x40)) for byte in places]
+        rows = [bytes((byte, byte, byte ^ 0xFF, byte ^ 0xFF)) for byte in places]
         values = [int.from_bytes(row, "big", signed=True) for row in rows]
         driver.write_block(address, values)
         seen, text = driver.read_block(address), codec.listed(values)
