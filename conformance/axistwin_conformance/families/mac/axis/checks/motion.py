@@ -40,7 +40,8 @@ TABLE: Final = (
     (1, 1), (2, 1), (3, 1), (10, 1), (100, 1), (239, 1), (240, 1), (241, 1), (479, 2), (481, 2),
     (48, 0x80),
 )  # fmt: skip
-LONG_TABLE: Final = ((1000, 1), (1000, 10), (10000, 10), (1100, 0x80))  # the last: 8 bits a level
+# The last one has levels of more increments than 8 bits count.
+LONG_TABLE: Final = ((1000, 1), (1000, 10), (10000, 10), (2100, 0x80))
 LONG_WAYS: Final = (0x8000, 0x10000, 0x1000000)  # increments at full speed
 ASIDE: Final = 2000  # increments: ramps, and what an axis goes on while its stop is under way
 FIRST_TARGET_OUT_OF_RANGE: Final = 0x40000000
@@ -350,7 +351,7 @@ def _judge_edges_of_busy(driver: AxisDriver) -> None:
                 driver.session.expect(
                     seen == is_busy,
                     ("MACS-BUSY-01", "MACS-CMD-1C-01"),
-                    f"{TOLD[is_busy]}, {abs(distance)} increments before the target, tolerance {AS_FAR}",
+                    f"{TOLD[is_busy]}, {abs(distance)} increments to go, tolerance {AS_FAR}",
                     TOLD[seen],
                 )
         if not is_busy:  # however near it is, it is a move
