@@ -1,5 +1,5 @@
 """Software stops whatever their numbers are: at 0, of either sign, in either order; with a
-tolerance, and behind a restart (CMD-09, CMD-0A, CMD-03, STOP-03)."""
+tolerance (CMD-09, CMD-0A, STOP-03)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ BEFORE: Final = 20  # increments from where a motion begins to the stop
 BEYOND: Final = 60  # from there to its target
 ASIDE: Final = 45  # from 0
 TOLERANCE: Final = 40
-SOFTWARE: Final = 0x0800  # of 26h
 
 
 def _judge_met(
@@ -83,18 +82,3 @@ def nothing_else_shifts_a_software_stop(session: Session) -> None:
         words = f"{other.index:02X}h = {far}"
         _judge_met(driver, side, start + BEFORE * side.direction, words, least)
         driver.judge.accepted(0x03, 0)
-
-
-@check(*BOTH_SIDES, "MACS-CMD-03-01", safety=MOVES, level="full")
-def software_stops_act_behind_a_restart(session: Session) -> None:
-    """What 26h shows to be enabled after 00h is, on either side, before anything is set again."""
-    driver = driver_of(session)
-    start = enable_stop(driver, SIDES[0], BEFORE)
-    driver.judge.accepted(0x0A, start - BEFORE)
-    driver.motion.reinitialise()
-    if not driver.client.value(0x26) & SOFTWARE:
-        session.skip("this device starts up with the stops disabled")
-    for side in SIDES:
-        _judge_met(driver, side, start + BEFORE * side.direction, "26h after 00h: enabled")
-    session.expect(True, "MACS-CMD-03-01", "", "")
-    driver.judge.accepted(0x03, 0)
