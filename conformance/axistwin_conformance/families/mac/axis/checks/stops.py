@@ -330,14 +330,14 @@ def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -
         )
         judge_bits(driver, side, "nearer")
         driver.judge.accepted(0x03, 0)
-    for side in SIDES:  # the first segment ends before it meets any
+    for side in SIDES:  # the segment before it ends short of any
         start, sign = enable_stop(driver, side, 30), side.direction
-        first = driver.limits.segment(20, driver.motion.period)
-        driver.motion.put(Segment(-first.steps * sign, first.period))
-        driver.motion.put(Segment((first.steps + 130) * sign, first.period))
-        driver.client.wait(driver.motion.lasting_s(2 * first.steps + 130, first.period))
-        place = (rest_place(driver, first.period) - start) * sign
-        most = 31 + driver.limits.braking(first.period)
+        short = driver.limits.segment(20, driver.motion.period)
+        driver.motion.put(Segment(-short.steps * sign, short.period))
+        driver.motion.put(Segment((short.steps + 130) * sign, short.period))
+        driver.client.wait(driver.motion.lasting_s(2 * short.steps + 130, short.period))
+        place = (rest_place(driver, short.period) - start) * sign
+        most = 31 + driver.limits.braking(short.period)
         session.expect(
             30 <= place <= most, side.requirements, f"at rest 30..{most} increments on", place
         )
