@@ -17,6 +17,7 @@ ORDER = 175  # of this module in a run; see `Family.modules`
 
 ALONE_S: Final = 31.0  # what ends by itself does so after half a minute at most
 LEAST_S: Final = 11.0  # where the axis may not go so far
+STANDS_S: Final = 0.1
 SPARE_S: Final = 1.5  # of exchanges before and after it
 
 
@@ -61,6 +62,7 @@ def _left_alone(driver: AxisDriver, seconds: float, *, is_armed: bool) -> bool:
         driver.motion.at_rest()
         return False
     driver.judge.accepted(0x15, velocity(1, 0))
+    driver.client.wait(STANDS_S)  # the increment that has begun is made
     driver.motion.run_out()
     place = driver.client.position()
     is_standing = is_held(driver, place)
