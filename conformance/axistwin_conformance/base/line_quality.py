@@ -139,6 +139,13 @@ class SilenceLimit:
         """True if more often nothing came than something wrong."""
         return 2 * self.silent > self.bad
 
+    def leaves_alone(self) -> bool:
+        """True once, for a silent device, before it is given up."""
+        if self.is_left_alone or not self.is_mostly_silent:
+            return False
+        self.is_left_alone = True
+        return True
+
     @property
     def is_patient(self) -> bool:
         """True while a device that may be slow is waited for."""

@@ -239,8 +239,6 @@ class Session:
         that is measured what is known of a slow device."""
         return REPLY_TIMEOUT_S + max(self.transport.round_trip.max_ns / 1e9, self.run.late_s)
 
-    # Exchanges.
-
     def is_believed(self, bad: list[bytes], reply: bytes, *, is_good: bool) -> bool:
         """True if the reply is the device's own: good, or bad too often for noise.
 
@@ -276,9 +274,8 @@ class Session:
         return is_good or self.is_strict or self.is_reproduced
 
     def _count_bad(self, reply: bytes) -> None:
-        """Count a bad reply.  A device that would be given up, but has said something while nobody
-        listened for its reply, may be slow: from then on it is waited for longer.  A silent one is
-        left alone once: each question may have put the next answer off."""
+        """Count a bad reply.  Of a device that would be given up, what came while nobody listened
+        shows that it may be slow: it is waited for longer; a silent one is left alone once."""
         limit, transport = self.run.silence_limit, self.transport
         try:
             limit.tried(transport.now_ns, self.run.quality.bad_when_lost, is_silence=not reply)
@@ -286,8 +283,7 @@ class Session:
             if limit.may_be_slow and transport.transcript.has_come(limit.since_ns):
                 limit.patient_tries -= 1
                 self.run.late_s = SILENCE_LIMIT_S
-            elif limit.is_mostly_silent and not limit.is_left_alone:
-                limit.is_left_alone = True
+            elif limit.leaves_alone():
                 transport.wait(SILENCE_LIMIT_S)
             else:
                 self.run.late_s = 0.0 if limit.is_patient else self.run.late_s

@@ -14,6 +14,7 @@ from zoo import (
     framing,
     inputs,
     interpolation,
+    leftovers,
     motion,
     persistence,
     phases,
@@ -26,7 +27,7 @@ from zoo.mutant import Mutant
 
 FAMILIES = (
     framing, replies, commands, queries, motion, interpolation, stops, sync, persistence, inputs,
-    faults, edges, effects, aftermath, phases,
+    faults, edges, effects, aftermath, phases, leftovers,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(

@@ -34,6 +34,7 @@ LONG_STEPS: Final = 120  # a second of motion at the slowest speed
 MOST_EXCHANGES: Final = 60  # in motion, from one start
 MOST_LOCKED: Final = 14  # exchanges while what is locked is tried
 RESUMES_S: Final = 0.2  # after it: what waited for the axis to be at rest would have begun
+SHOWS_S: Final = 0.1  # another speed than the slowest
 STANDS_S: Final = 0.1  # after 17h without a ramp
 NEAR: Final = 40  # increments of tolerance: behind a start, for a while, and not before the end
 SHORT_STEPS: Final = 100  # to run on for so many is waited for at the slowest speed
@@ -195,15 +196,18 @@ def _judge(
 
 def _written_in_motion(driver: AxisDriver, index: int, name: str) -> None:
     """What a parameter reads as after another value was sent in motion: that one if it was
-    accepted, the old one if it was refused."""
+    accepted, the old one if it was refused.  Either way the motion is none but the one begun."""
     start = driver.motion.ready(_slowly(driver))
     parameter = PARAMETERS[index]
     before = driver.client.parameter(index)
     other = before - 1 if before else 1
-    _move(driver, start)
+    way = driver.limits.way_outlasting(LONG_STEPS, driver.motion.period, MOST_EXCHANGES)
+    forecast = driver.motion.go(start + way)
     sent = driver.client.command(index, parameter.parameter(other))
     accepted = sent.kind is ReplyKind.ACCEPTED
     wanted, seen = other if accepted else before, driver.client.parameter(index)
+    driver.client.wait(SHOWS_S)
+    driver.motion.follow(forecast, name, driver.limits.allowance(driver.motion.period))
     driver.motion.at_rest()
     driver.client.command(index, parameter.parameter(before))
     if seen != wanted:
@@ -306,7 +310,25 @@ def torque_catch_up_and_tolerance_are_free_in_motion(session: Session) -> None:
     for name, what in PARTLY.items():
         session.info(name, what)
     _torque_up_and_down_in_motion(driver_of(session))
+    _free_amid(driver_of(session))
     _tolerance_on_the_way(driver_of(session))
+
+
+def _free_amid(driver: AxisDriver) -> None:
+    """An endless motion and segments go on as they were, whatever is set meanwhile."""
+    for state, name in (("VE", "MACS-CMD-0E-02"), ("IN", "MACS-CMD-0E-02")):
+        start = driver.motion.ready(_slowly(driver))
+        own = driver.client.parameters()
+        forecast = _begun(driver, state, start)
+        values = {0x0E: own[0x0E] ^ 1, 0x1C: 0xFF}
+        for index, value in values.items():
+            driver.client.command(index, PARAMETERS[index].parameter(value))
+        driver.judge.accepted(0x07, 0, requirement="MACS-CMD-07-01")
+        driver.client.wait(SHOWS_S)
+        driver.motion.follow(forecast, name, driver.limits.allowance(driver.motion.period))
+        driver.motion.at_rest()
+        for index in values:
+            driver.client.command(index, PARAMETERS[index].parameter(own[index]))
 
 
 def _torque_up_and_down_in_motion(driver: AxisDriver) -> None:

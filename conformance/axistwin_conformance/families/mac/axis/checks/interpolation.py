@@ -6,6 +6,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.checks.velocity import judge_follows
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import FIFO_STAGES, segment_parameter
@@ -101,6 +102,7 @@ def segments_run_at_their_own_constant_speed(session: Session) -> None:
     ):
         start = driver.motion.ready(0x4000, coefficient)
         exchange = driver.judge.must(ReplyKind.ACCEPTED, put(driver, Segment(steps, period)))
+        judge_follows(driver, "16h behind a 13h", "MACS-CMD-16-01")
         driver.motion.watch(
             driver.motion.to_segments(exchange, start, Segment(steps, period)),
             ("MACS-CMD-16-01", "MACS-CMD-16-03"),
@@ -262,6 +264,23 @@ def a_ramped_stop_does_not_interrupt_segments(session: Session) -> None:
     """17h during segments: they run to their end.  Other readings are named quirks."""
     driver = plain(session)
     driver.judge.again(stop17_in_interp)
+    if driver.readings.known("stop17_in_interp"):
+        return
+    # Nor is it done later: what is begun next goes on.
+    start, segment = driver.motion.ready(0x0800), driver.limits.segment(20, 0x2000)
+    for is_move in (True, False):
+        end = driver.motion.feed(start, segment).end
+        assert end is not None
+        driver.judge.accepted(0x17)
+        driver.client.wait_until(end.latest_ns + SURELY_EMPTY_NS // 10)
+        if is_move:
+            start = driver.motion.finish(driver.motion.go(start + 250))
+            continue
+        period = driver.limits.gentle(0x1000, 0.3)
+        forecast = driver.motion.turn(1, period)
+        for _ in range(2):
+            driver.client.wait(0.1)
+            driver.motion.follow(forecast, None, driver.limits.allowance(period))
 
 
 @check("MACS-CMD-18-03", "MACS-CMD-18-01", safety=MOVES, level="full")

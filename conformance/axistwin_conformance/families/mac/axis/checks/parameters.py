@@ -387,6 +387,11 @@ def the_counter_is_cleared_where_the_axis_stands(session: Session) -> None:
         causes=(f"{moved} (", f"{cleared} ("),
     )
     session.expect(place == 0, None, 0, seen)
+    is_busy = driver.status.is_busy()
+    session.expect(not is_busy, None, f"not busy, at rest behind {cleared}", "busy")
+    driver.judge.accepted(0x0F, 0)  # nor locked
+    again = driver.client.position()
+    session.expect(again == 0, None, "at rest at 0", again)
     driver.motion.finish(driver.motion.go(90))
     driver.motion.finish(driver.motion.go(0))
     _put_origin_back(driver, away)

@@ -7,6 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.checks.stops import SIDES
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
@@ -37,16 +38,19 @@ STORED: Final = (
 MODES: Final = (0x02, 0x03, 0x1C)  # whether they are stored is open (MACS-AMB-24)
 SET_IN_MOTION: Final = (0x0C, 0x0E, 0x1C)  # what no motion locks
 
+SOFTWARE: Final = 0x0800  # of 26h: software stops enabled
 
-@check("MACS-CMD-00-01", "MACS-CMD-18-03", safety=MOVES)
+
+@check("MACS-CMD-00-01", "MACS-CMD-18-03", "MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES)
 def after_00h_parameters_and_position_are_kept(session: Session) -> None:
-    """00h keeps position and stored parameters at rest; sync, preload and stop bits are gone."""
+    """00h keeps position and stored parameters at rest; sync, preload and stop bits are gone;
+    software stops that are still enabled then act."""
     driver = driver_of(session)
     start = driver.motion.ready(0x1000, 3)
     driver.motion.finish(driver.motion.go(start + 30))
     for index, parameter in (
         (0x09, start + 40),
-        (0x0A, start - 5000),
+        (0x0A, start - 60),
         (0x0C, 0x33),
         (0x0E, 0x0700),
         (0x1C, 0x02),
@@ -88,6 +92,30 @@ def after_00h_parameters_and_position_are_kept(session: Session) -> None:
         "nothing preloaded any more",
         driver.client.position(),
     )
+    _judge_stops_enabled(driver, start - 60)
+
+
+def _judge_stops_enabled(driver: AxisDriver, inferior: int) -> None:
+    """From beyond the superior stop the axis goes no further out, and back no further than the
+    inferior one, before any of them is set or enabled again."""
+    if not driver.client.value(0x26) & SOFTWARE:
+        return  # what of 26h is stored, is open (MACS-AMB-24)
+    most = 1 + driver.limits.braking(driver.motion.period)
+    for side in SIDES:
+        place, sign = driver.client.position(), side.direction
+        if sign < 0 and driver.readings.known("soft_stop_blocks"):
+            return  # nor does this device let the axis back
+        end = place if sign > 0 else inferior
+        driver.client.command(0x13, end + 60 * sign)  # outward, it may be refused
+        driver.client.wait(0.4 + driver.motion.lasting_s(11 * RAMP_LEVELS))
+        driver.motion.run_out()
+        beyond = (driver.client.position() - end) * sign
+        driver.session.expect(
+            0 <= beyond <= 2 * most,
+            ("MACS-CMD-00-01", side.requirements[0]),
+            f"at rest 0..{2 * most} increments beyond {end}, by {side.index:02X}h: 26h shows stops",
+            beyond,
+        )
 
 
 @check("MACS-PERS-01", "MACS-CMD-00-01", safety=MOVES, level="full")
@@ -266,7 +294,7 @@ def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) ->
         for timeline in driver.motion.to_position(sent, start - place, end).timelines
     )
     driver.motion.watch(onward, ("MACS-CMD-0B-01", "MACS-CMD-13-05"), samples=6)
-    driver.motion.at_rest()
+    driver.motion.set_plain()
     driver.motion.finish(
         driver.motion.go(-lowest)
     )  # to one increment: nobody knows the instant better

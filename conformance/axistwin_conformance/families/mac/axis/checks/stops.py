@@ -133,7 +133,7 @@ def enable_stop(
     return start
 
 
-def _rest(driver: AxisDriver, period: int | None = None) -> int:
+def rest_place(driver: AxisDriver, period: int | None = None) -> int:
     """The place where the axis is once it no longer moves; without a ramp, and at the speed of
     `enable_stop` or another."""
     driver.motion.run_out(period or driver.motion.period)
@@ -141,7 +141,7 @@ def _rest(driver: AxisDriver, period: int | None = None) -> int:
     return driver.client.position()
 
 
-def _judge_bits(driver: AxisDriver, side: SoftwareStop, name: str) -> None:
+def judge_bits(driver: AxisDriver, side: SoftwareStop, name: str) -> None:
     """The ff bit of this side, at the place the CAN manual gives it or shifted by one."""
     ff = driver.status.stopped_on()
     outcome = {side.bit: 0, side.bit << 1: 1}.get(ff, f"ff {ff:02X} on the {name} stop")
@@ -156,8 +156,8 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     side = SIDES[0]
     start = enable_stop(driver, side, 10)
     driver.judge.accepted(0x13, start + 60)
-    _rest(driver)
-    _judge_bits(driver, side, "superior")
+    rest_place(driver)
+    judge_bits(driver, side, "superior")
     driver.judge.accepted(0x18)
     driver.judge.accepted(0x07, 0)
     before = driver.status.stopped_on()
@@ -166,7 +166,7 @@ def the_stop_bit_stays_until_the_next_motion(session: Session) -> None:
     driver.judge.accepted(0x03, 0)
     live = driver.status.stopped_on() != before
     driver.judge.accepted(0x13, start)
-    _rest(driver)
+    rest_place(driver)
     after = driver.status.stopped_on()
     outcome: int | str = f"ff {before:02X}, then {after:02X}"
     if live:
@@ -237,7 +237,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
             start = enable_stop(driver, side, 50)
             move(driver, start, side.direction)
             driver.client.wait(0.05)
-            place = (_rest(driver) - start) * side.direction
+            place = (rest_place(driver) - start) * side.direction
             most = 51 + driver.limits.braking(driver.motion.period)
             is_known = session.readings.get(OVERRUN, "").isdigit()
             least = most - 1 if is_known else 50  # a number that was seen holds everywhere
@@ -253,7 +253,7 @@ def beyond_a_software_stop_every_motion_ends(session: Session) -> None:
             # How far it runs on may not be known: then one place may be due to either reading.
             fitting = [number for number in (0, 1) if least + 1 - number <= place <= most - number]
             driver.judge.reading("soft_stop_compare", tuple(fitting), side.requirements)
-            _judge_bits(driver, side, name)
+            judge_bits(driver, side, name)
             if name.startswith("10h") or name == "13h":  # the others have no target to be away from
                 driver.judge.reading(
                     "busy_after_abort", int(driver.status.is_busy()), side.requirements
@@ -272,10 +272,10 @@ def a_software_stop_drops_a_preloaded_move(session: Session) -> None:
     segment = segment_parameter(60, driver.motion.period)
     for index, parameter in ((0x10, 0), (0x13, start - 40), (0x16, segment)):
         driver.judge.accepted(index, parameter)
-    place = _rest(driver)
+    place = rest_place(driver)
     session.expect(place > start, "MACS-STOP-03", f"beyond {start}, on the stop", place)
     driver.client.command(0x11)  # with nothing to start, it may be refused
-    moved = _rest(driver) - place
+    moved = rest_place(driver) - place
     names = ("MACS-CMD-18-03", "MACS-STOP-03")
     session.expect(not moved, names, "no motion: the stop has dropped it", f"{moved:+d} increments")
 
@@ -287,9 +287,9 @@ def a_software_stop_drops_the_stored_segments(session: Session) -> None:
     start = enable_stop(driver, SIDES[0], 20)
     for _ in range(3):
         driver.judge.accepted(0x16, segment_parameter(30, driver.motion.period))
-    first = _rest(driver) - start
+    first = rest_place(driver) - start
     driver.client.wait(0.2)
-    second = _rest(driver) - start
+    second = rest_place(driver) - start
     most = 21 + driver.limits.braking(driver.motion.period)
     session.expect(
         20 <= first <= most,
@@ -323,12 +323,25 @@ def segments_that_turn_round_end_on_the_stop_they_meet_first(session: Session) -
         met_ns = first.taken.earliest_ns + near * period * TICK_NS
         driver.motion.taken_in_time(second, met_ns, "the way to the first stop")
         driver.client.wait(driver.motion.lasting_s(2 * near + 120, period))
-        place = (_rest(driver, period) - start) * sign
+        place = (rest_place(driver, period) - start) * sign
         most = near + 1 + driver.limits.braking(period)
         session.expect(
             near <= place <= most, side.requirements, f"at rest {near}..{most} increments on", place
         )
-        _judge_bits(driver, side, "nearer")
+        judge_bits(driver, side, "nearer")
+        driver.judge.accepted(0x03, 0)
+    for side in SIDES:  # the segment before it ends short of any
+        start, sign = enable_stop(driver, side, 30), side.direction
+        short = driver.limits.segment(20, driver.motion.period)
+        driver.motion.put(Segment(-short.steps * sign, short.period))
+        driver.motion.put(Segment((short.steps + 130) * sign, short.period))
+        driver.client.wait(driver.motion.lasting_s(2 * short.steps + 130, short.period))
+        place = (rest_place(driver, short.period) - start) * sign
+        most = 31 + driver.limits.braking(short.period)
+        session.expect(
+            30 <= place <= most, side.requirements, f"at rest 30..{most} increments on", place
+        )
+        judge_bits(driver, side, "only")
         driver.judge.accepted(0x03, 0)
 
 
@@ -366,7 +379,7 @@ def software_stops_work_only_when_enabled(session: Session) -> None:
             )
         start = enable_stop(driver, side, 20, 9)
         driver.judge.accepted(0x13, start + 60 * side.direction)
-        place = (_rest(driver) - start) * side.direction
+        place = (rest_place(driver) - start) * side.direction
         most = 21 + driver.limits.braking(driver.motion.period)
         session.expect(
             20 <= place <= most,
@@ -391,7 +404,7 @@ def software_stops_are_watched_while_the_axis_slows_down(session: Session) -> No
             way = STOP_ON_RAMP + RAMP // 2
             driver.judge.accepted(0x13, start + way * side.direction)
             driver.client.wait(driver.motion.lasting_s(way + 2 * RAMP))
-        place = (_rest(driver) - start) * side.direction
+        place = (rest_place(driver) - start) * side.direction
         most = STOP_ON_RAMP + 1 + driver.limits.braking(driver.motion.period)
         session.expect(
             STOP_ON_RAMP <= place <= most,
@@ -399,7 +412,7 @@ def software_stops_are_watched_while_the_axis_slows_down(session: Session) -> No
             f"at rest {STOP_ON_RAMP}..{most} increments on: the stop is {STOP_ON_RAMP} ahead",
             place,
         )
-        _judge_bits(driver, side, "enabled")
+        judge_bits(driver, side, "enabled")
         driver.judge.accepted(0x03, 0)
 
 
@@ -422,7 +435,7 @@ def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
     for side in SIDES:
         start = enable_stop(driver, side, -30)  # the axis stands 30 increments beyond its stop
         outward = driver.client.command(0x13, start + 60 * side.direction).kind
-        moved = (_rest(driver) - start) * side.direction
+        moved = (rest_place(driver) - start) * side.direction
         beyond = driver.limits.braking(driver.motion.period) * 2
         session.expect(
             outward is ReplyKind.REFUSED or 0 <= moved <= beyond,
@@ -431,11 +444,11 @@ def from_beyond_a_software_stop_one_can_return(session: Session) -> None:
             f"{outward.value}, {moved} increments",
         )
         if outward is ReplyKind.ACCEPTED:
-            _judge_bits(driver, side, "outward")
+            judge_bits(driver, side, "outward")
         here = driver.client.position()
         inward = driver.client.command(0x13, start - 60 * side.direction).kind
         driver.client.wait(0.1)
-        back = (here - _rest(driver)) * side.direction
+        back = (here - rest_place(driver)) * side.direction
         outcome: int | str = f"{inward.value}, {back} increments back"
         if inward is ReplyKind.ACCEPTED and back >= 60:
             outcome = 0
@@ -461,7 +474,7 @@ def software_stops_watch_the_counter(session: Session) -> None:
     driver.judge.accepted(0x0B)
     driver.judge.accepted(0x03, 8)
     driver.judge.accepted(0x13, 90)
-    place = _rest(driver)
+    place = rest_place(driver)
     driver.judge.accepted(0x03, 0)
     most = 31 + driver.limits.braking(driver.motion.period)
     session.expect(
@@ -489,7 +502,7 @@ def a_counter_cleared_in_motion_brings_the_stop_nearer(session: Session) -> None
     driver.client.wait(0.15)
     cleared = forecast.bounds(driver.judge.accepted(0x0B).taken)
     driver.client.wait(0.3)
-    place = _rest(driver)
+    place = rest_place(driver)
     driver.judge.accepted(0x03, 0)
     most = 21 + driver.limits.braking(SLOWEST)
     session.expect(

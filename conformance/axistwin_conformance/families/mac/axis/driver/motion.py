@@ -23,6 +23,7 @@ from axistwin_conformance.families.mac.axis.driver.client import (
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST, AxisLimits
 from axistwin_conformance.families.mac.axis.driver.readings import AxisReadings
+from axistwin_conformance.families.mac.axis.driver.undone import Begun, undone
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
 from axistwin_conformance.families.mac.axis.model.forecast import (
     Forecast,
@@ -78,6 +79,7 @@ class AxisMotion:
         client.precautions = self
         self.period = SAFE_PERIOD
         self.coefficient = 0
+        self._begun: Begun | None = None
         self.is_plotting = True  # False: what moves is not what is judged
         self._plotted: tuple[int, str, int] | None = None  # start of a motion, its plot, how far
 
@@ -340,7 +342,9 @@ class AxisMotion:
         if far > max(limit, abs(origin - home)):
             raise OutsideEnvelope(f"{target} is outside", "--max-travel", far)
         exchange = self._judge.accepted(0x13, target)
-        return self.to_position(exchange, origin, target)
+        forecast = self.to_position(exchange, origin, target)
+        self._begun = Begun(forecast, 0x13, target)
+        return forecast
 
     def go_plainly(self, target: int) -> Forecast:
         """Go back to a place with the settings of `ready`."""
@@ -386,8 +390,11 @@ class AxisMotion:
     def turn(self, direction: int, period: int) -> Forecast:
         """Send 15h from rest; it must be accepted."""
         origin = self._client.position()
-        exchange = self._judge.accepted(0x15, velocity(direction, period))
-        return self.to_velocity(exchange, origin, direction, period)
+        parameter = velocity(direction, period)
+        exchange = self._judge.accepted(0x15, parameter)
+        forecast = self.to_velocity(exchange, origin, direction, period)
+        self._begun = Begun(forecast, 0x15, parameter)
+        return forecast
 
     def feed(self, origin: int, *row: Segment) -> Forecast:
         """Send a row of segments from rest, each of which must be accepted; what to expect."""
@@ -442,7 +449,7 @@ class AxisMotion:
             lowest - allowance <= sample.position <= highest + allowance,
             requirement,
             f"position {lowest}..{highest}",
-            lambda: _seen(sample, self._wanted(forecast, lowest, highest)),
+            lambda: self._seen(sample, forecast, self._wanted(forecast, lowest, highest)),
         )
         return sample
 
@@ -533,12 +540,21 @@ class AxisMotion:
             requirement,
             f"at rest at {lowest}" if lowest == highest else f"at rest in {lowest}..{highest}",
             lambda: self._ended(
-                sample, f"{lowest}..{highest} increments {self._course(forecast, 'at the end of')}"
+                sample,
+                forecast,
+                f"{lowest}..{highest} increments {self._course(forecast, 'at the end of')}",
             ),
         )
         return sample.position
 
-    def _ended(self, sample: Sample, wanted: str) -> Observation:
+    def _seen(self, sample: Sample, forecast: Forecast, wanted: str) -> Observation:
+        """Where the axis was, in words."""
+        text = f"{REQUEST} read {counted(sample.position, 'increment')}"
+        if sample.position == forecast.timelines[0].origin:
+            text += undone(self._client, self._begun, forecast)
+        return Observation(text, f"position {sample.position}", wanted, is_whole=False)
+
+    def _ended(self, sample: Sample, forecast: Forecast, wanted: str) -> Observation:
         """Where the axis was when its motion was to be over, and whether it stood there, in words:
         a motion that is late is told from one that ends elsewhere."""
         self._client.wait(STANDS_S)
@@ -547,13 +563,8 @@ class AxisMotion:
         if stood != sample.position:
             before = f"{STANDS_S * 1000:.0f} ms before that {sample.position}, still moving"
         text = f"{REQUEST} read {counted(stood, 'increment')} ({before})"
+        text += undone(self._client, self._begun, forecast)
         return Observation(text, f"position {sample.position}", wanted, is_whole=False)
-
-
-def _seen(sample: Sample, wanted: str) -> Observation:
-    """Where the axis was, in words."""
-    text = f"{REQUEST} read {counted(sample.position, 'increment')}"
-    return Observation(text, f"position {sample.position}", wanted, is_whole=False)
 
 
 def as_velocity(motion: AxisMotion, exchange: AxisExchange, origin: int, period: int) -> Forecast:
