@@ -199,6 +199,22 @@ def test_where_bytes_may_get_lost_what_is_summed_rightly_is_no_noise() -> None:
     assert "MACS-REPLY-07" in judged.failed
 
 
+@pytest.mark.parametrize(
+    ("other", "requirement"),
+    [({"digit": b"7"}, "MACS-REPLY-09"), ({"address": b"5A"}, "MACS-REPLY-08")],
+)
+def test_where_bytes_may_get_lost_an_answer_to_something_else_is_no_noise(
+    other: dict[str, Any], requirement: str
+) -> None:
+    """Now and then, where no other answer was due."""
+    judged = judge(
+        lambda twin: NowAndThen(twin, {0x26: lambda data: answer(data, **other)}, 7),
+        "MACS-CMD-13-01", is_lossless=False,
+    )  # fmt: skip
+    assert judged.result.exit_status == 1, judged.result.sentence
+    assert requirement in judged.failed
+
+
 def test_where_bytes_may_get_lost_silence_to_one_request_alone_has_failed() -> None:
     """No line loses the same request each time and no other; what cannot be read does not move."""
     judged = judge({0x25: lambda data: b""}, "MACS-LINE-02", "MACS-CMD-13-01", is_lossless=False)

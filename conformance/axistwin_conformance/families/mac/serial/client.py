@@ -72,6 +72,7 @@ class SerialClient(AxisClient):
         """Send bytes, take the reply apart.  A Nack that noise provoked is answered by sending
         again: a module does nothing with a frame it Nacks (MACS-REPLY-04)."""
         data = frame if isinstance(frame, bytes) else frame.encode()
+        is_all_said = self.session.run.replied_at == self.target.transcript.position
         exchange = self._once(data, timeout_s)
         if (
             self.target.is_lossless
@@ -81,17 +82,26 @@ class SerialClient(AxisClient):
             return exchange
         settled = self._undisturbed(data, int(frame.index, 16), exchange, timeout_s)
         if settled is not exchange:
-            self._judge_passing(exchange.reply)
+            self._judge_passing(exchange.reply, is_all_said=is_all_said)
         return settled
 
-    def _judge_passing(self, reply: SerialReply) -> None:
-        """Hold replies against the module that were no answers, and others when asked for again, if
-        their sums are right oftener than noise gets them right."""
-        if reply.kind is not ReplyKind.GARBAGE or not codec.is_summed(reply.raw):
+    def _judge_passing(self, reply: SerialReply, *, is_all_said: bool) -> None:
+        """Hold replies against the module that were no answers, or those to something else, and
+        others when asked for again, if their sums are right oftener than noise gets them right.
+
+        `is_all_said`: no reply was due from before; else this one may just be late.
+        """
+        if reply.kind is ReplyKind.GARBAGE and codec.is_summed(reply.raw):
+            name, flaws = "MACS-REPLY-07", "; ".join(reply.flaws)
+        elif reply.kind is ReplyKind.ANSWER and is_all_said:
+            is_own = reply.address == self.address
+            name = "MACS-REPLY-09" if is_own else "MACS-REPLY-08"
+            flaws = f"an answer of {reply.address:02X}h, digit {reply.digit:X}, to something else"
+        else:
             return
         if self.session.run.quality.is_meant(codec.SUMS):
-            actual = f"now and then {'; '.join(reply.flaws)}, with the right sum"
-            self.session.run.violations.append(("MACS-REPLY-07", "the same form each time", actual))
+            actual = f"now and then {flaws}, with the right sum"
+            self.session.run.violations.append((name, "the same form each time", actual))
 
     def _is_good(self, index: int, reply: SerialReply, *, may_be_silent: bool) -> bool:
         """True if a module could say that, as far as is known of this one."""
