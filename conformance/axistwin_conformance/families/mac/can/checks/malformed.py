@@ -190,7 +190,7 @@ def what_does_nothing_leaves_the_stop_bits(session: Session) -> None:
     that are no requests, or not for this module, and SYNC leave it."""
     driver = CanDriver(session)
     request, other = driver.client.request, unknown_addresses(session)[0]
-    ignored = [replace(request(0x20), command=number).frame() for number in COMMANDS[:3]]
+    ignored = [replace(request(0x04), command=number).frame() for number in COMMANDS[:3]]
     with stopped_beyond(driver):
         before = driver.client.data_bytes(0x21)[1]
         session.step(before != 0, "2001h shows the stop", f"ff {before:02X}")

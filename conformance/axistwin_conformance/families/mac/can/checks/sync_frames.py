@@ -91,6 +91,8 @@ def what_does_nothing_leaves_what_2010h_has_begun(session: Session) -> None:
         ("MACC-SDO-12", [replace(request(0x10), command=number) for number in NO_COMMANDS]),
         ("MACC-SDO-05", [replace(request(0x20), index_low=low) for low in range(0x08, 0x20)]),
     ):
+        if requests[0].command in NO_COMMANDS and driver.readings.known("sdo_other_ccs") == 1:
+            continue  # it takes them for 23h (MACC-AMB-13)
         frames = [one.frame() for one in requests]
         start = driver.motion.ready(PERIOD)
         if session.reading("sync_arm_lifetime") != "permanent":  # else it may be armed as it is
