@@ -16,7 +16,7 @@ from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.sync import back, is_held
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
-from axistwin_conformance.families.mac.can.checks.messages import NMT_START, is_free
+from axistwin_conformance.families.mac.can.checks.messages import NMT_START
 from axistwin_conformance.families.mac.can.collect_replies import (
     described,
     everybody,
@@ -260,13 +260,13 @@ def without_a_preload_sync_leaves_every_motion_alone(session: Session) -> None:
     """SYNC and 2011h with nothing preloaded, after a preload that is spent, leave an endless motion
     of either direction, a move and a segment as they are."""
     driver = CanDriver(session)
-    start = driver.motion.ready(PERIOD)
+    start = driver.motion.ready(SLOW, 1)
     preload(driver, 0x13, start + 5)
     exchange = started(driver, codec.sync())
     driver.motion.finish(driver.motion.to_position(exchange, start, start + 5))
     for index, sign in ((0x15, 1), (0x15, -1), (0x13, 1), (0x16, 1)):
         driver.motion.at_rest()
-        start = driver.motion.ready(SLOW, 0 if index == 0x16 else 1)
+        start = driver.motion.ready(SLOW, 1)
         forecast = _begin(driver, index, sign, start)
         for number in range(SEVERAL):
             driver.client.wait(ON_THE_WAY_S)
@@ -323,11 +323,9 @@ def no_other_frame_is_taken_for_sync(session: Session) -> None:
     lifebeat = bytes(codec.EMERGENCY_BYTES)
     others = unknown_addresses(session)
     frames = [(Frame(codec.EMERGENCY + other, lifebeat), "MACC-SYNC-01") for other in others]
-    own = [codec.EMERGENCY + number for number in session.neighbours]
-    if is_free(driver):  # it may say something just then, and two would speak under one identifier
-        own.append(codec.EMERGENCY + driver.client.address)
+    known = [codec.EMERGENCY + number for number in session.neighbours]
     near = [codec.SYNC ^ 1 << bit for bit in range(11)] + [codec.SYNC + base for base in OTHERS]
-    frames += [(Frame(number), "MACC-SYNC-01") for number in near if number not in own]
+    frames += [(Frame(number), "MACC-SYNC-01") for number in near if number not in known]
     frames += [
         (frame, "MACC-SYNC-01")
         for frame in (codec.nmt(NMT_START, driver.client.address), codec.boot_up(others[0]))
