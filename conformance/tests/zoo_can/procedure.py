@@ -207,6 +207,18 @@ def a_second_procedure_is_only_acknowledged(patch: MonkeyPatch) -> None:
     _leaving(patch, act)
 
 
+@can_mutant("MACC-LMT-07", "MACC-CMD-10-01")
+def the_configuration_mode_disarms(patch: MonkeyPatch) -> None:
+    """04 01 drops what 2010h has begun."""
+
+    def act(go: Any_, module: MacCan, command: int, value: int) -> None:
+        if (command, value) == (MODE, 1):
+            module.axis._armed, module.axis._preload = False, None
+        go()
+
+    _lmt(patch, act)
+
+
 @can_mutant("MACC-BOOT-03", traps=(15,))
 def the_boot_up_message_has_the_old_address(patch: MonkeyPatch) -> None:
     """After the address procedure the module announces itself once more by the old address."""

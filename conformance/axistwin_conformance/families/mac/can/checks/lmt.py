@@ -288,6 +288,7 @@ def lmt_frames_may_be_shorter_and_hold_anything(session: Session) -> None:
             driver.client.address = new
         configure(driver, Frame(codec.LMT_REQUEST, b"\x04"))
         silently(driver, codec.lmt_address(NEW_ADDRESSES[0]), "MACC-LMT-01")
+        driver.client.target.take_spontaneous()
         configure(driver, codec.lmt_leave())
         driver.client.boot_up(boot_silence_limit_s(driver))
         stays(driver, "MACC-LMT-01")
@@ -321,6 +322,7 @@ def an_abandoned_procedure_leaves_the_old_address(session: Session) -> None:
         )
         stays(driver, "MACC-LMT-03", new)
         silently(driver, codec.lmt_address(new), "MACC-LMT-06")
+        driver.client.target.take_spontaneous()
         silently(driver, codec.lmt_leave(), "MACC-LMT-03")
         driver.client.boot_up(boot_silence_limit_s(driver))
         stays(driver, "MACC-LMT-03", new)
@@ -370,6 +372,7 @@ def without_entering_no_address_is_taken(session: Session) -> None:
             if entry is not None:
                 silently(driver, entry, name)
             silently(driver, codec.lmt_address(new), name)
+            driver.client.target.take_spontaneous()
             silently(driver, codec.lmt_leave(), name)
             driver.client.boot_up(boot_silence_limit_s(driver))
             stays(driver, name, new)

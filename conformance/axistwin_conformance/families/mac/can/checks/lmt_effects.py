@@ -12,6 +12,7 @@ from axistwin_conformance.core.session import Session
 from axistwin_conformance.core.wording import RIG, Observation
 from axistwin_conformance.families.mac.axis.driver import factory
 from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
+from axistwin_conformance.families.mac.axis.probes.sync import is_held
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.boot_up import (
     await_boot_up,
@@ -30,6 +31,7 @@ from axistwin_conformance.families.mac.can.checks.messages import (
     judge_due,
     silenced,
 )
+from axistwin_conformance.families.mac.can.checks.sync_frames import PERIOD, started
 from axistwin_conformance.families.mac.can.collect_replies import described, replies
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.probes.destructive import (
@@ -75,6 +77,29 @@ def the_address_procedure_changes_the_address_alone(session: Session) -> None:
         ]
         session.expect(words[0] == words[1], "MACC-PERS-01", *words)
         driver.judge.reading("persist_modes", int(before != after), "MACC-PERS-02")
+
+
+@check("MACC-LMT-07", "MACC-CMD-10-01", safety=DESTRUCTIVE, needs=ALONE)
+def the_configuration_mode_leaves_what_2010h_has_begun(session: Session) -> None:
+    """Entering and leaving without an address neither disarm, nor start or drop what is preloaded:
+    SYNC starts it then."""
+    driver = CanDriver(session)
+    if session.reading("lmt_incomplete") != "ignore":
+        session.skip("leaving without an address restarts it (MACC-AMB-10)")
+    names = ("MACC-LMT-07", "MACC-CMD-10-01")
+    start = driver.motion.ready(PERIOD)
+    with address_put_back(driver):
+        driver.judge.accepted(0x10)
+        for _ in range(2):
+            configure(driver, codec.lmt_enter())
+            configure(driver, codec.lmt_leave())
+            driver.client.command(0x13, start + AWAY)  # a second one may be refused
+            is_waiting = is_held(driver, start)
+            session.expect(is_waiting, names, f"held at {start}", driver.client.position())
+        configure(driver, codec.lmt_enter())
+        configure(driver, codec.lmt_leave())
+        exchange = started(driver, codec.sync())
+        driver.motion.finish(driver.motion.to_position(exchange, start, start + AWAY), names)
 
 
 @check("MACC-LMT-03", "MACC-LMT-09", safety=DESTRUCTIVE, needs=ALONE)

@@ -266,7 +266,7 @@ def without_a_preload_sync_leaves_every_motion_alone(session: Session) -> None:
     driver.motion.finish(driver.motion.to_position(exchange, start, start + 5))
     for index, sign in ((0x15, 1), (0x15, -1), (0x13, 1), (0x16, 1)):
         driver.motion.at_rest()
-        start = driver.motion.ready(SLOW, 1)
+        start = driver.motion.ready(SLOW, int(index != 0x16))
         forecast = _begin(driver, index, sign, start)
         for number in range(SEVERAL):
             driver.client.wait(ON_THE_WAY_S)
@@ -285,7 +285,7 @@ def _begin(driver: CanDriver, index: int, sign: int, start: int) -> Forecast:
     period = driver.limits.gentle(SLOW, 2.0)
     if index == 0x15:
         return driver.motion.turn(sign, period)
-    steps = driver.limits.way_outlasting(STEPS, SLOW, 4 * SEVERAL)
+    steps = driver.limits.way_outlasting(2 * STEPS, SLOW, 4 * SEVERAL)
     if index == 0x13:
         return driver.motion.go(start + sign * steps)
     segment = Segment(sign * steps, SLOW)
