@@ -134,6 +134,22 @@ def the_greater_stop_is_the_superior_at_start_up(patch: MonkeyPatch) -> None:
     _loaded(patch, change)
 
 
+@mutant("MACS-CMD-00-01")
+def a_position_below_0_comes_back_in_24_bits(patch: MonkeyPatch) -> None:
+    """What 00h keeps of the position has no sign: -1 comes back as 00FFFFFFh."""
+
+    def make(shut_down: Any_) -> Any_:
+        def shutting_down(axis: Axis, now: int) -> None:
+            shut_down(axis, now)
+            place = axis.drive.counter.at(now)
+            if place < 0:
+                axis.drive.counter.set(now, place & 0xFFFFFF)
+
+        return shutting_down
+
+    wrap(patch, Axis, "shut_down", make)
+
+
 @mutant("MACS-PERS-01", "MACS-CMD-00-01")
 def all_ones_are_an_erased_cell(patch: MonkeyPatch) -> None:
     """A period, ramp or catch-up speed of all ones comes up as from the factory."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from zoo.mutant import Any_, MonkeyPatch
+from typing import Any
+
+from zoo.mutant import Any_, MonkeyPatch, State
 
 from axistwin.devices.mac.can.device import MacCan
 from axistwin.wire.can_frame import CanFrame
 from zoo_can.planting import DOWNLOAD, around, can_mutant, general_replies, hears, sends
 
 OWN_REPLY, REQUEST, GENERAL_REPLY = 0x580, 0x600, 0x581
+LATCHED_NS = 2_000_000
 
 
 def _is_request_to(module: MacCan, frame: CanFrame, address: int) -> bool:
@@ -73,6 +76,23 @@ def module_129_is_module_1(patch: MonkeyPatch) -> None:
         lambda module, frame: _is_request_to(module, frame, module.address + 0x80),
         _takes_for_its_own,
     )
+
+
+@can_mutant("MACC-ID-02", "MACC-SDO-06")
+def what_comes_right_behind_its_own_is_its_own(patch: MonkeyPatch) -> None:
+    """The identifier is not read again within 2 ms: a request behind an own one is an own one."""
+    heard: dict[MacCan, int] = {}
+
+    def hear(go: Any_, module: MacCan, _: bytes) -> None:
+        heard[module] = module._now
+        go()
+
+    def act(module: MacCan, frame: CanFrame) -> None:
+        if module._now - heard.get(module, 0) < LATCHED_NS:
+            module._own_request(frame.data)
+
+    around(patch, "_own_request", hear)
+    hears(patch, lambda _, frame: REQUEST < frame.identifier < 0x680, act)
 
 
 # --- forms of frames -----------------------------------------------------------------------------
@@ -421,3 +441,49 @@ def the_mode_digits_for_all_are_exchanged(patch: MonkeyPatch) -> None:
         return identifier, reply
 
     general_replies(patch, change)
+
+
+@can_mutant("MACC-GEN-01")
+def endless_motion_is_deaf_to_what_all_are_told(patch: MonkeyPatch) -> None:
+    """In velocity mode 600h is not looked at: it has no effect and no reply."""
+
+    def act(go: Any_, module: MacCan, _: bytes) -> None:
+        if module.axis.state is not State.VE:
+            go()
+
+    around(patch, "_general_request", act)
+
+
+@can_mutant("MACC-GEN-01")
+def the_mask_of_600h_takes_bit_6_of_the_address(patch: MonkeyPatch) -> None:
+    """Modules from 40h on do not hear what is said to all."""
+
+    def act(go: Any_, module: MacCan, _: bytes) -> None:
+        if module.address < 0x40:
+            go()
+
+    around(patch, "_general_request", act)
+
+
+@can_mutant("MACC-GEN-02")
+def who_was_module_1_goes_on_answering(patch: MonkeyPatch) -> None:
+    """Who answers what all are told is decided at power-up and 2000h, not by the procedure."""
+    is_one: dict[MacCan, bool] = {}
+
+    def leave(go: Any_, module: MacCan) -> None:
+        is_one.setdefault(module, module.address == 1)
+        go()
+
+    def hear(go: Any_, module: MacCan, data: bytes) -> None:
+        is_one.setdefault(module, module.address == 1)
+        own, module.address = module.address, 1 if is_one[module] else module.address
+        go()
+        module.address = own
+
+    def renew(go: Any_, module: MacCan, request: bytes) -> Any:
+        is_one.pop(module, None)
+        return go()
+
+    around(patch, "_leave_configuration", leave)
+    around(patch, "_general_request", hear)
+    around(patch, "_initialise", renew)

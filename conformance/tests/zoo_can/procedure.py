@@ -9,9 +9,9 @@ from zoo.mutant import Any_, MonkeyPatch, mutant, wrap
 from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.can.device import MacCan
 from axistwin.wire.can_frame import CanFrame
-from zoo_can.planting import MODEL, UPLOAD, around, can_mutant, sends
+from zoo_can.planting import MODEL, UPLOAD, around, can_mutant, hears, sends
 
-BOOT_UP, LMT_REPLY = 0x700, 0x7E4
+REQUEST, BOOT_UP, LMT_REPLY = 0x600, 0x700, 0x7E4
 MODE, ADDRESS, STORE, BIT_TIMING, NODE = 0x04, 0x11, 0x17, 0x13, 0x5E
 S = 1_000_000_000
 
@@ -151,6 +151,72 @@ def the_procedure_is_acknowledged_and_forgotten(patch: MonkeyPatch) -> None:
             module.axis.parameters.store("address", stored)
 
     _leaving(patch, act)
+
+
+@can_mutant("MACC-LMT-01", "MACC-LMT-03")
+def the_old_address_is_heard_until_the_next_restart(patch: MonkeyPatch) -> None:
+    """A second filter keeps the address before the procedure; replies come from the new one."""
+    old: dict[MacCan, int] = {}
+
+    def leave(go: Any_, module: MacCan) -> None:
+        if module._given_address is not None:
+            old[module] = module.address
+        go()
+
+    def renew(go: Any_, module: MacCan, request: bytes) -> Any:
+        old.pop(module, None)
+        return go()
+
+    around(patch, "_leave_configuration", leave)
+    around(patch, "_initialise", renew)
+    hears(
+        patch,
+        lambda module, frame: module in old and frame.identifier == REQUEST + old[module],
+        lambda module, frame: module._own_request(frame.data),
+    )
+
+
+@can_mutant("MACC-LMT-01")
+def the_configuration_mode_ends_after_5_s(patch: MonkeyPatch) -> None:
+    """Left alone for five seconds, the module is in nominal mode again."""
+    entered: dict[MacCan, int] = {}
+
+    def act(go: Any_, module: MacCan, command: int, value: int) -> None:
+        if module._now - entered.get(module, module._now) > 5 * S:
+            module._configures, module._given_address = False, None
+        if (command, value) == (MODE, 1):
+            entered[module] = module._now
+        go()
+
+    _lmt(patch, act)
+
+
+@can_mutant("MACC-LMT-01", "MACC-LMT-03")
+def a_second_procedure_is_only_acknowledged(patch: MonkeyPatch) -> None:
+    """Once a procedure has been brought to its end, the next one changes nothing."""
+    done: set[MacCan] = set()
+
+    def act(go: Any_, module: MacCan) -> None:
+        if module._given_address is None or module not in done:
+            if module._given_address is not None:
+                done.add(module)
+            go()
+        else:
+            module._configures, module._given_address = False, None
+
+    _leaving(patch, act)
+
+
+@can_mutant("MACC-LMT-07", "MACC-CMD-10-01")
+def the_configuration_mode_disarms(patch: MonkeyPatch) -> None:
+    """04 01 drops what 2010h has begun."""
+
+    def act(go: Any_, module: MacCan, command: int, value: int) -> None:
+        if (command, value) == (MODE, 1):
+            module.axis._armed, module.axis._preload = False, None
+        go()
+
+    _lmt(patch, act)
 
 
 @can_mutant("MACC-BOOT-03", traps=(15,))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from zoo.mutant import Any_, MonkeyPatch, on, wrap
+from zoo.mutant import Any_, MonkeyPatch, State, on, wrap
 
 from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.can.device import MacCan
@@ -21,6 +21,39 @@ def every_lifebeat_is_a_sync(patch: MonkeyPatch) -> None:
         lambda module, frame: SYNC < frame.identifier < 0x100 and not frame.is_extended,
         lambda module, frame: module._sync(b""),
     )
+
+
+@can_mutant("MACC-SYNC-01", "MACC-ID-02")
+def network_management_is_a_sync(patch: MonkeyPatch) -> None:
+    """Bit 7 of the identifier is masked in the filter of SYNC: 000h starts what is preloaded."""
+    hears(
+        patch,
+        lambda module, frame: frame.identifier == 0 and not frame.is_extended,
+        lambda module, frame: module._sync(b""),
+    )
+
+
+@can_mutant("MACC-SYNC-01")
+def its_own_emergency_identifier_is_a_sync(patch: MonkeyPatch) -> None:
+    """080h plus the own address starts what is preloaded, as 080h does."""
+    hears(
+        patch,
+        lambda module, frame: frame.identifier == SYNC + module.address and not frame.is_extended,
+        lambda module, frame: module._sync(b""),
+    )
+
+
+@can_mutant("MACC-SYNC-04")
+def a_sync_without_a_preload_ends_endless_motion(patch: MonkeyPatch) -> None:
+    """The empty record of the preload reads as 2015h with VVVV 0000: the axis comes to rest."""
+
+    def act(go: Any_, module: MacCan, data: bytes) -> None:
+        axis = module.axis
+        if axis._preload is None and axis.state is State.VE:
+            axis.drive.ramped_stop(module._now)
+        go()
+
+    around(patch, "_sync", act)
 
 
 @can_mutant("MACC-SYNC-02", traps=(11,))

@@ -11,9 +11,20 @@ from axistwin.devices.mac.axis.axis import Axis
 from axistwin.devices.mac.can.device import MacCan
 from axistwin.kernel.effects import SendFrame
 from axistwin.wire.can_frame import CanFrame
-from zoo_can.planting import DOWNLOAD, REFUSED, UPLOAD, around, can_mutant, replies, requests
+from zoo_can.planting import (
+    DOWNLOAD,
+    REFUSED,
+    UPLOAD,
+    around,
+    can_mutant,
+    hears,
+    replies,
+    requests,
+)
 
 COMING_TO_REST_NS = 100_000_000
+RAMP_NS = 600_000_000
+BOOT_UP = 0x700
 BUSY_NS = 1_500_000
 
 
@@ -185,3 +196,74 @@ def accepted_segments_forget_the_sub_index(patch: MonkeyPatch) -> None:
         return reply[:3] + b"\0" + reply[4:] if is_segment and reply[0] != REFUSED else reply
 
     replies(patch, change)
+
+
+@can_mutant("MACC-ID-02", "MACC-CMD-10-01")
+def the_start_of_another_module_disarms_it(patch: MonkeyPatch) -> None:
+    """A boot-up message under any address drops what 2010h has armed, and the preload."""
+
+    def act(module: MacCan, _: CanFrame) -> None:
+        module.axis._armed, module.axis._preload = False, None
+
+    hears(patch, lambda _, frame: BOOT_UP < frame.identifier < BOOT_UP + 0x80, act)
+
+
+@can_mutant("MACC-SDO-13")
+def a_stop_is_acknowledged_at_rest(patch: MonkeyPatch) -> None:
+    """The reply to 2017h in motion waits until the axis has come to rest."""
+
+    def act(go: Any_, module: MacCan, identifier: int, data: bytes, start_ns: int) -> Any:
+        due_ns = module.axis.next_event() if data[:2] == b"\x60\x17" else None
+        return go(identifier, data, max(start_ns, due_ns or 0))
+
+    around(patch, "_send", act)
+
+
+@can_mutant("MACC-SDO-13")
+def a_change_of_speed_is_acknowledged_behind_its_ramp(patch: MonkeyPatch) -> None:
+    """The reply to a 2015h in motion comes when the new speed is reached."""
+    late: set[MacCan] = set()
+
+    def note(serve: Any_, module: MacCan, request: bytes) -> Any:
+        if request[:2] == b"\x23\x15" and _is_moving(module):
+            late.add(module)
+        return serve()
+
+    def act(go: Any_, module: MacCan, identifier: int, data: bytes, start_ns: int) -> Any:
+        delay_ns = RAMP_NS if module in late else 0
+        late.discard(module)
+        return go(identifier, data, start_ns + delay_ns)
+
+    requests(patch, note)
+    around(patch, "_send", act)
+
+
+@can_mutant("MACC-SDO-03")
+def answers_repeat_the_sub_index_of_the_last_download(patch: MonkeyPatch) -> None:
+    """An upload with sub-index 00 is answered with that of the last accepted download."""
+    last: dict[MacCan, int] = {}
+
+    def act(serve: Any_, module: MacCan, request: bytes) -> Any:
+        reply = serve()
+        if reply is None or reply[0] == REFUSED:
+            return reply
+        if request[0] == DOWNLOAD:
+            last[module] = request[3]
+        elif not request[3]:
+            return reply[:3] + bytes((last.get(module, 0),)) + reply[4:]
+        return reply
+
+    requests(patch, act)
+
+
+@can_mutant("MACC-SDO-12", "MACC-Q-01-01")
+def what_is_refused_clears_the_stop_bits(patch: MonkeyPatch) -> None:
+    """Any refusal clears byte ff of 2001h."""
+
+    def act(serve: Any_, module: MacCan, _: bytes) -> Any:
+        reply = serve()
+        if reply is not None and reply[0] == REFUSED:
+            module.axis.drive.stops.bits = 0
+        return reply
+
+    requests(patch, act)

@@ -35,6 +35,7 @@ STORED: Final = (
     {0x09: -1, 0x0A: 0x100, 0x0C: 0x7F, 0x0D: 0xFFFF, 0x0E: 0xFF00, 0x0F: 0xFF, 0x1C: 0xFF},
     {0x09: 0x12FF, 0x0A: -0x12345600, 0x0C: 0x01, 0x0D: 0x7FFF, 0x0E: 0x0100, 0x0F: 0, 0x1C: 0},
 )
+BELOW: Final = 150  # increments: a position of 00h that is negative
 MODES: Final = (0x02, 0x03, 0x1C)  # whether they are stored is open (MACS-AMB-24)
 SET_IN_MOTION: Final = (0x0C, 0x0E, 0x1C)  # what no motion locks
 
@@ -43,10 +44,12 @@ SOFTWARE: Final = 0x0800  # of 26h: software stops enabled
 
 @check("MACS-CMD-00-01", "MACS-CMD-18-03", "MACS-CMD-09-02", "MACS-CMD-0A-02", safety=MOVES)
 def after_00h_parameters_and_position_are_kept(session: Session) -> None:
-    """00h keeps position and stored parameters at rest; sync, preload and stop bits are gone;
-    software stops that are still enabled then act."""
+    """00h keeps position, below 0 if that is near, and stored parameters at rest; sync, preload and
+    stop bits are gone; software stops that are still enabled then act."""
     driver = driver_of(session)
     start = driver.motion.ready(0x1000, 3)
+    if abs(start) + BELOW <= driver.limits.room() and driver.limits.fits(-BELOW):
+        start = driver.motion.finish(driver.motion.go(-BELOW))
     driver.motion.finish(driver.motion.go(start + 30))
     for index, parameter in (
         (0x09, start + 40),

@@ -3,16 +3,12 @@ with the module alone on the bus, and is put back whatever happens."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Final
 
 from axistwin_conformance.base.check import check
-from axistwin_conformance.base.transcript import Direction
 from axistwin_conformance.core.session import Session
-from axistwin_conformance.core.wording import RIG, Observation
 from axistwin_conformance.families.mac.axis.driver import factory
 from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, quiet_s
-from axistwin_conformance.families.mac.axis.driver.rig import OFF_S
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.can import codec
@@ -25,10 +21,6 @@ from axistwin_conformance.families.mac.can.boot_up import (
 )
 from axistwin_conformance.families.mac.can.checks.messages import (
     AFTERWARDS_S,
-    beat,
-    is_free,
-    judge_due,
-    silenced,
 )
 from axistwin_conformance.families.mac.can.collect_replies import described, replies, slack_ns
 from axistwin_conformance.families.mac.can.driver import CanDriver
@@ -43,8 +35,7 @@ from axistwin_conformance.families.mac.can.probes.destructive import (
     give_address,
 )
 from axistwin_conformance.families.mac.can.probes.messages import LIFEBEAT_S
-from axistwin_conformance.families.mac.can.settings import TORQUE
-from axistwin_conformance.transport.can_frame import Frame, unpack_all
+from axistwin_conformance.transport.can_frame import Frame
 
 ORDER = 290  # of this module in a run; see `Family.modules`
 
@@ -52,6 +43,7 @@ NEW_ADDRESSES: Final = (0x2A, 0x55)
 BOUNDS: Final = (0x01, 0x02, 0x3F, 0x40, 0x7E, 0x7F)  # MACC-LMT-04
 BAD_ADDRESSES: Final = (0x00, 0x80, 0x81, 0xAA, 0xFE, 0xFF)
 FILLER: Final = 0xFF
+PAUSES: Final = 4  # in which a wait is cut, with a request behind each
 LENGTHS: Final = range(2, 9)  # MACC-AMB-08
 # First bytes of the convention's other services.  13h and 15h set and use another bit rate: never
 # on a real bus.
@@ -59,7 +51,6 @@ SWITCHES: Final = (0x40, 0x41, 0x42, 0x43, 0x46, 0x47, 0x48, 0x49, 0x4A, 0x4B, 0
 WHO: Final = (0x5A, 0x5B, 0x5C, 0x5D, 0x5E)
 RATE_SERVICES: Final = (0x13, 0x15)
 REPLIED_BY_THE_CONVENTION: Final = frozenset((*WHO, LMT_STORE))
-POWERED: Final = (*DESTRUCTIVE, "rig")
 
 
 def lmt_replies(driver: CanDriver, frame: Frame, *, is_awaited: bool = False) -> tuple[Frame, ...]:
@@ -111,6 +102,13 @@ def no_boot_up(driver: CanDriver, requirement: str) -> None:
     driver.judge.reading("lmt_incomplete", int(is_booted), requirement)
 
 
+def nobody_at(driver: CanDriver, address: int, requirement: str | tuple[str, ...] | None) -> None:
+    """Judge that a request to that address gets no reply, under any identifier."""
+    frame = driver.client.request(0x20, address=address).frame()
+    received = replies(driver, frame, is_awaited=False)
+    driver.judge.holds(not received, requirement, f"silence at {address}", described(received))
+
+
 def stays(driver: CanDriver, requirement: str, *others: int) -> None:
     """Judge that the module is where it was, and at none of these addresses."""
     driver.session.expect(
@@ -121,9 +119,7 @@ def stays(driver: CanDriver, requirement: str, *others: int) -> None:
     )
     for other in others:
         if other in codec.ADDRESSES and other != driver.client.address:
-            driver.session.expect(
-                not answers(driver, other), requirement, f"silence at {other}", "an answer"
-            )
+            nobody_at(driver, other, requirement)
 
 
 def procedure(driver: CanDriver, new: int, length: int = codec.TRANSFER_BYTES) -> None:
@@ -140,7 +136,7 @@ def procedure(driver: CanDriver, new: int, length: int = codec.TRANSFER_BYTES) -
     driver.session.expect(is_there, names, f"that it boots and answers at address {new}", "neither")
     driver.client.address = new
     if old != new:
-        driver.session.step(not answers(driver, old), f"silence at {old}", "an answer")
+        nobody_at(driver, old, names)
 
 
 # --- the procedure -------------------------------------------------------------------------------
@@ -177,19 +173,20 @@ def _judge_steps(driver: CanDriver, new: int) -> None:
     store(driver)
     driver.client.target.take_spontaneous()
     since = silently(driver, codec.lmt_leave(), "MACC-LMT-02")
+    early: tuple[Frame, ...] = ()
     if driver.motion.deaf_s > 1.0:
         for address in (old, new):
-            received = replies(
-                driver, driver.client.request(0x20, address=address).frame(), is_awaited=False
-            )
-            session.expect(
-                not received, "MACC-BOOT-04", "silence until the boot-up", described(received)
-            )
+            frame = driver.client.request(0x20, address=address).frame()
+            early += replies(driver, frame, is_awaited=False)
     boot_up, before = await_boot_up(driver, address=new)
+    if boot_up is None and old != new and answers(driver, old):
+        names = ("MACC-LMT-01", "MACC-LMT-03", "MACC-BOOT-01", "MACC-BOOT-03")
+        session.fail(names, f"a restart, and an answer at address {new}", f"an answer at {old}")
     session.expect(
         boot_up is not None, ("MACC-BOOT-01", "MACC-BOOT-03"), f"an answer at address {new}", "none"
     )
     assert boot_up is not None
+    session.expect(not early, "MACC-BOOT-04", "silence until the boot-up", described(early))
     session.expect(not before, "MACC-BOOT-01", "nothing before it", described_all(before))
     again, as_old = driver.client.boot_up(AFTERWARDS_S, new), driver.client.boot_up(0, old)
     session.expect(again is None, "MACC-BOOT-01", "one boot-up message", "two")
@@ -197,7 +194,7 @@ def _judge_steps(driver: CanDriver, new: int) -> None:
     judge_form(driver, boot_up)
     judge_time(driver, since, boot_up, "MACC-BOOT-04")
     session.expect(answers(driver, new), "MACC-LMT-01", f"answers as {new}", "silence")
-    session.expect(not answers(driver, old), "MACC-LMT-01", f"silence at {old}", "an answer")
+    nobody_at(driver, old, ("MACC-LMT-01", "MACC-LMT-03"))
     driver.client.address = new
     restarted = restart(driver)
     session.expect(
@@ -233,6 +230,39 @@ def every_address_can_be_had(session: Session) -> None:
             procedure(driver, new)
 
 
+@check("MACC-LMT-01", "MACC-LMT-02", "MACC-LMT-03", safety=DESTRUCTIVE, needs=ALONE)
+def the_procedure_may_take_its_time(session: Session) -> None:
+    """Longer than a lifebeat takes after each step, in silence or amid requests, the next one
+    counts all the same."""
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    with address_put_back(driver):
+        for new, is_spoken_to in zip(NEW_ADDRESSES, (False, True), strict=True):
+            old = driver.client.address
+            silently(driver, codec.lmt_enter(), "MACC-LMT-02")
+            _let_pass(driver, is_spoken_to=is_spoken_to)
+            take_address(driver, codec.lmt_address(new), "MACC-LMT-01")
+            store(driver)
+            _let_pass(driver, is_spoken_to=is_spoken_to)
+            driver.client.target.take_spontaneous()
+            configure(driver, codec.lmt_leave())
+            boot_up, _ = await_boot_up(driver, address=new)
+            is_there = boot_up is not None and answers(driver, new)
+            names = ("MACC-LMT-01", "MACC-LMT-03")
+            session.expect(is_there, names, f"that it boots and answers at address {new}", "not so")
+            driver.client.address = new
+            if old != new:
+                nobody_at(driver, old, names)
+
+
+def _let_pass(driver: CanDriver, *, is_spoken_to: bool) -> None:
+    """Wait a little longer than a lifebeat takes, or ask now and then meanwhile."""
+    for _ in range(PAUSES):
+        driver.client.wait((LIFEBEAT_S + 1) / PAUSES)
+        if is_spoken_to and serves_meanwhile(driver):
+            driver.client.ask(0x20)
+
+
 @check("MACC-LMT-01", safety=DESTRUCTIVE, needs=ALONE)
 def lmt_frames_may_be_shorter_and_hold_anything(session: Session) -> None:
     """Seven bytes are as good as eight, and fewer too, and what the bytes behind hold is all
@@ -258,6 +288,7 @@ def lmt_frames_may_be_shorter_and_hold_anything(session: Session) -> None:
             driver.client.address = new
         configure(driver, Frame(codec.LMT_REQUEST, b"\x04"))
         silently(driver, codec.lmt_address(NEW_ADDRESSES[0]), "MACC-LMT-01")
+        driver.client.target.take_spontaneous()
         configure(driver, codec.lmt_leave())
         driver.client.boot_up(boot_silence_limit_s(driver))
         stays(driver, "MACC-LMT-01")
@@ -291,6 +322,7 @@ def an_abandoned_procedure_leaves_the_old_address(session: Session) -> None:
         )
         stays(driver, "MACC-LMT-03", new)
         silently(driver, codec.lmt_address(new), "MACC-LMT-06")
+        driver.client.target.take_spontaneous()
         silently(driver, codec.lmt_leave(), "MACC-LMT-03")
         driver.client.boot_up(boot_silence_limit_s(driver))
         stays(driver, "MACC-LMT-03", new)
@@ -340,6 +372,7 @@ def without_entering_no_address_is_taken(session: Session) -> None:
             if entry is not None:
                 silently(driver, entry, name)
             silently(driver, codec.lmt_address(new), name)
+            driver.client.target.take_spontaneous()
             silently(driver, codec.lmt_leave(), name)
             driver.client.boot_up(boot_silence_limit_s(driver))
             stays(driver, name, new)
@@ -378,7 +411,7 @@ def requests_are_served_at_the_old_address_meanwhile(session: Session) -> None:
                     kind, f"{kind.value} to {index:02X}h"
                 )
                 driver.judge.reading("lmt_sdo", outcome)
-        session.expect(not answers(driver, new), None, f"silence at {new}", "an answer")
+        nobody_at(driver, new, None)
 
 
 @check("MACC-LMT-09", "MACC-LMT-03", safety=DESTRUCTIVE, needs=ALONE)
@@ -422,134 +455,6 @@ def _judge_service(driver: CanDriver, service: int, *, is_configuring: bool) -> 
     driver.judge.reading("lmt_other", outcome, "MACC-LMT-09")
 
 
-@check("MACC-EMCY-05", safety=DESTRUCTIVE, needs=ALONE)
-def the_address_procedure_does_not_put_the_lifebeat_off(session: Session) -> None:
-    """Ten seconds after the module's own last request it speaks, whatever came on 7E5h since: an
-    address that is given and not yet taken over, or nothing given at all."""
-    driver = CanDriver(session)
-    if silenced(driver) or is_free(driver):
-        session.skip("it sends no such message, or sends it in any case")
-    driver.motion.at_rest()
-    procedures = [(codec.lmt_enter(), codec.lmt_address(NEW_ADDRESSES[0]))]
-    if session.reading("lmt_incomplete") == "ignore":  # first: nothing is given yet
-        procedures.insert(0, (codec.lmt_enter(), codec.lmt_leave()))
-    with address_put_back(driver):
-        for frames in procedures:
-            own = driver.client.ask(0x20).taken
-            driver.client.target.take_spontaneous()
-            driver.client.wait(LIFEBEAT_S / 2)
-            for frame in frames:
-                configure(driver, frame)
-            message = beat(driver)
-            if message is None:
-                session.fail(None, "a lifebeat", "none")
-            judge_due(driver, own, message, "MACC-EMCY-05")
-
-
-@check("MACC-EMCY-03", safety=DESTRUCTIVE, needs=ALONE)
-def the_lifebeat_comes_under_the_address_it_has(session: Session) -> None:
-    """A module that was given another address speaks under 080h plus that one."""
-    driver = CanDriver(session)
-    if silenced(driver):
-        session.skip("it sends no such message")
-    driver.motion.at_rest()
-    with address_put_back(driver):
-        new = next(address for address in NEW_ADDRESSES if address != driver.client.address)
-        give_address(driver, new)
-        driver.client.address = new
-        session.step(answers(driver, new), f"an answer at address {new}", "silence")
-        driver.client.target.take_spontaneous()
-        message = beat(driver)
-        texts = [str(arrival.frame) for arrival in driver.client.target.take_spontaneous()]
-        wanted_text = f"a message under {codec.EMERGENCY + new:03X}h"
-        session.expect(message is not None, None, wanted_text, " ".join(texts) or "none")
-
-
-# --- what the address is for ---------------------------------------------------------------------
-
-
-@check("MACC-GEN-01", "MACC-GEN-02", "MACC-ID-01", safety=DESTRUCTIVE, needs=ALONE)
-def a_lone_module_other_than_1_obeys_all_in_silence(session: Session) -> None:
-    """A module that is not 1 obeys 600h and answers none of it; the same module as 1 answers."""
-    driver = CanDriver(session)
-    driver.motion.at_rest()
-    with address_put_back(driver):
-        for address in (NEW_ADDRESSES[0], codec.SPOKESMAN):
-            give_address(driver, address)
-            driver.client.address = address
-            session.expect(
-                answers(driver, address), "MACC-ID-01", f"an answer at address {address}", "silence"
-            )
-            value = TORQUE.other(driver)
-            is_one = address == codec.SPOKESMAN
-            received = replies(driver, driver.client.to_all(0x0C, value).frame(), is_awaited=is_one)
-            is_spoken = len(received) == is_one
-            session.expect(
-                is_spoken, "MACC-GEN-02", f"{address} answers as 1 only", described(received)
-            )
-            seen = TORQUE.read(driver)
-            session.expect(seen == value, "MACC-GEN-01", f"torque {value:02X}", f"{seen:02X}")
-
-
-@check("MACC-LMT-03", "MACC-PERS-01", safety=POWERED, needs=("alone", "rig:power"))
-def the_address_outlives_the_supply_once_it_holds(session: Session) -> None:
-    """After a power cycle during the address procedure the module has its old address; after one
-    behind the procedure, the new one."""
-    driver = CanDriver(session)
-    driver.motion.at_rest()
-    old, new = (
-        driver.client.address,
-        next(address for address in NEW_ADDRESSES if address != driver.client.address),
-    )
-    with address_put_back(driver):
-        configure(driver, codec.lmt_enter())
-        configure(driver, codec.lmt_address(new))
-        _cycle(driver, old, "MACC-LMT-03")
-        stays(driver, "MACC-LMT-03", new)
-        give_address(driver, new)
-        driver.client.address = new
-        _cycle(driver, new, "MACC-PERS-01")
-        stays(driver, "MACC-PERS-01", old)
-
-
-def _cycle(driver: CanDriver, address: int, requirement: str) -> None:
-    driver.session.rig.work("power", False)
-    driver.client.wait(OFF_S)
-    driver.client.target.take_spontaneous()
-    driver.session.rig.work("power", True)
-    boot_up, _ = await_boot_up(driver, address=address)
-    driver.session.expect(
-        boot_up is not None,
-        requirement,
-        f"a boot-up message from address {address}",
-        partial(_boot_up_seen, driver, address, is_whole=requirement == "MACC-PERS-01"),
-    )
-
-
-def _boot_up_seen(driver: CanDriver, address: int, *, is_whole: bool) -> Observation:
-    """What a module said after a power cycle in place of its boot-up message, in words; `is_whole`:
-    the procedure before it had been brought to its end."""
-    frames: list[Frame] = []
-    for record in reversed(driver.session.records()):
-        if record.direction is Direction.NOTE and record.text.startswith(RIG):
-            break
-        frames += unpack_all(record.data) if record.direction is Direction.DEVICE else []
-    ups = [one for one in frames if codec.boot_up_form(one) is not None]
-    what = f"no boot-up message came within {boot_silence_limit_s(driver):.1f} s"
-    if ups:
-        came = codec.spontaneous_from(ups[0])
-        what = f"the module sent its boot-up message from address {came} ({ups[0].identifier:03X}h)"
-    done = "an address procedure (LMT) without its last step"
-    if is_whole:
-        done = f"the address procedure (LMT), by which the module came to address {address},"
-    return Observation(
-        f"after {done} and a power cycle, {what}",
-        value="none",
-        wanted=f"a boot-up message from address {address} ({codec.BOOT_UP + address:03X}h)",
-        causes=("LMT: enter", "LMT: new address", "LMT: return"),
-    )
-
-
 # --- factory reset -------------------------------------------------------------------------------
 
 
@@ -575,8 +480,7 @@ def a_factory_reset_brings_the_factory_values(session: Session) -> None:
             "answers on 581h",
             "silence",
         )
-        silent = not answers(driver, NEW_ADDRESSES[0])
-        session.expect(silent, "MACC-CMD-01-01", f"silence at {NEW_ADDRESSES[0]}", "an answer")
+        nobody_at(driver, NEW_ADDRESSES[0], "MACC-CMD-01-01")
         factory.judge_values(driver, changed)
         factory.judge_again(driver, lambda: _reset_to_factory(driver))
         kept = driver.client.position()

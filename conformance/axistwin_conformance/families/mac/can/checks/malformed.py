@@ -9,6 +9,7 @@ from typing import Final
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
+from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
 from axistwin_conformance.families.mac.can.codec import CanRequest
 from axistwin_conformance.families.mac.can.collect_replies import (
@@ -16,9 +17,11 @@ from axistwin_conformance.families.mac.can.collect_replies import (
     outcome_of,
     replies,
     the_reply,
+    unknown_addresses,
     with_a_reason,
 )
 from axistwin_conformance.families.mac.can.driver import CanDriver
+from axistwin_conformance.families.mac.can.probes.errors import stopped_beyond
 from axistwin_conformance.families.mac.can.settings import SETTINGS, TORQUE, held, unchanged
 
 ORDER = 50  # of this module in a run; see `Family.modules`
@@ -179,3 +182,32 @@ def a_short_download_sets_nothing(session: Session) -> None:
                 not received, "MACC-SDO-11", f"silence to {length} bytes", described(received)
             )
     unchanged(driver, before, "MACC-SDO-12")
+
+
+@check("MACC-SDO-12", "MACC-SDO-05", "MACC-Q-01-01", safety=MOVES)
+def what_does_nothing_leaves_the_stop_bits(session: Session) -> None:
+    """Behind a software stop 2001h tells it until the next motion: what is refused, uploads, frames
+    that are no requests, or not for this module, and SYNC leave it."""
+    driver = CanDriver(session)
+    request, other = driver.client.request, unknown_addresses(session)[0]
+    ignored = [replace(request(0x04), command=number).frame() for number in COMMANDS[:3]]
+    with stopped_beyond(driver):
+        before = driver.client.data_bytes(0x21)[1]
+        session.step(before != 0, "2001h shows the stop", f"ff {before:02X}")
+        for name, frames in (
+            ("MACC-SDO-12", [request(index).frame() for index in codec.UNASSIGNED_DOWNLOADS]),
+            ("MACC-SDO-12", [request(index).frame() for index in codec.UNASSIGNED_UPLOADS]),
+            ("MACC-SDO-12", [*ignored, replace(request(0x20), length=7).frame()]),
+            ("MACC-SDO-05", [request(index).frame() for index in codec.ANSWERED]),
+            ("MACC-Q-01-01", [request(index, address=other).frame() for index in (0x12, 0x20)]),
+            ("MACC-Q-01-01", [driver.client.to_all(0x20).frame(), codec.sync()]),
+        ):
+            for frame in frames:
+                replies(driver, frame, is_awaited=False)
+                after = driver.client.data_bytes(0x21)[1]
+                session.expect(
+                    after == before,
+                    ("MACC-Q-01-01", name) if name != "MACC-Q-01-01" else name,
+                    f"2001h still ff {before:02X} after {codec.explain(frame)}",
+                    f"{after:02X}",
+                )

@@ -31,7 +31,7 @@ from axistwin_conformance.families.mac.can.boot_up import (
     restart,
     taken_over,
 )
-from axistwin_conformance.families.mac.can.checks.identifiers import judge_general
+from axistwin_conformance.families.mac.can.checks.general import judge_general
 from axistwin_conformance.families.mac.can.collect_replies import (
     described,
     everybody,

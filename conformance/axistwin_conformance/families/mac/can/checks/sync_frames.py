@@ -11,11 +11,12 @@ from axistwin_conformance.families.mac.axis.checks.sync import judge_refused_ami
 from axistwin_conformance.families.mac.axis.driver.client import AxisExchange
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import segment_parameter, velocity
-from axistwin_conformance.families.mac.axis.model.forecast import Forecast, TimeWindow
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast, Segment, TimeWindow
 from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS
 from axistwin_conformance.families.mac.axis.probes.sync import back, is_held
 from axistwin_conformance.families.mac.axis.probing import MOVES
 from axistwin_conformance.families.mac.can import codec
+from axistwin_conformance.families.mac.can.checks.messages import NMT_START
 from axistwin_conformance.families.mac.can.collect_replies import (
     described,
     everybody,
@@ -31,6 +32,8 @@ PERIOD: Final = 0x1000  # 512 us an increment
 STEPS: Final = 60
 SLOW: Final = 0x8000  # 4 ms an increment: frames on the bus are told apart from steps
 SEVERAL: Final = 3
+ON_THE_WAY_S: Final = 0.05
+OTHERS: Final = (0x700, 0x80)  # beside those that differ by one bit: what is added to 080h
 NO_COMMANDS: Final = (0x20, 0x21, 0x60, 0x80)  # first bytes of what is no request
 
 
@@ -88,6 +91,8 @@ def what_does_nothing_leaves_what_2010h_has_begun(session: Session) -> None:
         ("MACC-SDO-12", [replace(request(0x10), command=number) for number in NO_COMMANDS]),
         ("MACC-SDO-05", [replace(request(0x20), index_low=low) for low in range(0x08, 0x20)]),
     ):
+        if requests[0].command in NO_COMMANDS and driver.readings.known("sdo_other_ccs") == 1:
+            continue  # it takes them for 23h (MACC-AMB-13)
         frames = [one.frame() for one in requests]
         start = driver.motion.ready(PERIOD)
         if session.reading("sync_arm_lifetime") != "permanent":  # else it may be armed as it is
@@ -250,6 +255,43 @@ def sync_neither_arms_nor_spends_what_is_armed(session: Session) -> None:
     driver.motion.finish(driver.motion.to_position(exchange, place, start), "MACC-SYNC-01")
 
 
+@check("MACC-SYNC-04", "MACC-SYNC-03", safety=MOVES)
+def without_a_preload_sync_leaves_every_motion_alone(session: Session) -> None:
+    """SYNC and 2011h with nothing preloaded, after a preload that is spent, leave an endless motion
+    of either direction, a move and a segment as they are."""
+    driver = CanDriver(session)
+    start = driver.motion.ready(SLOW, 1)
+    preload(driver, 0x13, start + 5)
+    exchange = started(driver, codec.sync())
+    driver.motion.finish(driver.motion.to_position(exchange, start, start + 5))
+    for index, sign in ((0x15, 1), (0x15, -1), (0x13, 1), (0x16, 1)):
+        driver.motion.at_rest()
+        start = driver.motion.ready(SLOW, int(index != 0x16))
+        forecast = _begin(driver, index, sign, start)
+        for number in range(SEVERAL):
+            driver.client.wait(ON_THE_WAY_S)
+            if number < SEVERAL - 1:
+                driver.client.broadcast(codec.sync())
+            else:
+                driver.client.command(0x11)
+            name = "MACC-SYNC-04" if number < SEVERAL - 1 else "MACC-SYNC-03"
+            driver.client.wait(ON_THE_WAY_S)
+            driver.motion.follow(forecast, name, driver.limits.allowance(driver.motion.period))
+    driver.motion.at_rest()
+
+
+def _begin(driver: CanDriver, index: int, sign: int, start: int) -> Forecast:
+    """A motion that outlasts what `without_a_preload_sync_leaves_every_motion_alone` sends."""
+    period = driver.limits.gentle(SLOW, 2.0)
+    if index == 0x15:
+        return driver.motion.turn(sign, period)
+    steps = driver.limits.way_outlasting(2 * STEPS, SLOW, 4 * SEVERAL)
+    if index == 0x13:
+        return driver.motion.go(start + sign * steps)
+    segment = Segment(sign * steps, SLOW)
+    return driver.motion.to_segments(driver.motion.put(segment), start, segment)
+
+
 @check("MACC-SYNC-05", safety=MOVES)
 def data_of_a_sync_frame_are_ignored(session: Session) -> None:
     """SYNC with one to eight bytes starts what is preloaded like one without; or none of them
@@ -272,15 +314,22 @@ def data_of_a_sync_frame_are_ignored(session: Session) -> None:
 
 @check("MACC-SYNC-01", "MACC-ID-03", safety=MOVES)
 def no_other_frame_is_taken_for_sync(session: Session) -> None:
-    """Neither an emergency message of another module nor an extended or remote frame 080h starts
-    what is preloaded."""
+    """Neither an emergency message or start of another module, nor network management, nor an
+    identifier that differs from 080h by one bit, nor an extended or remote frame 080h starts or
+    drops what is preloaded."""
     driver = CanDriver(session)
     start = driver.motion.ready(PERIOD)
     preload(driver, 0x13, start + STEPS)
     lifebeat = bytes(codec.EMERGENCY_BYTES)
     others = unknown_addresses(session)
     frames = [(Frame(codec.EMERGENCY + other, lifebeat), "MACC-SYNC-01") for other in others]
-    frames += [(Frame(codec.SYNC + base), "MACC-SYNC-01") for base in (0x400, 0x700, 0x80, 0x100)]
+    known = [codec.EMERGENCY + number for number in session.neighbours]
+    near = [codec.SYNC ^ 1 << bit for bit in range(11)] + [codec.SYNC + base for base in OTHERS]
+    frames += [(Frame(number), "MACC-SYNC-01") for number in near if number not in known]
+    frames += [
+        (frame, "MACC-SYNC-01")
+        for frame in (codec.nmt(NMT_START, driver.client.address), codec.boot_up(others[0]))
+    ]
     frames += [
         (Frame(codec.SYNC, is_extended=True), "MACC-ID-03"),
         (Frame(codec.SYNC << 18, is_extended=True), "MACC-ID-03"),

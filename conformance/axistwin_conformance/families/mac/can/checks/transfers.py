@@ -30,6 +30,7 @@ from axistwin_conformance.families.mac.can.collect_replies import (
     reply_frame,
     the_reply,
     unasked,
+    unknown_addresses,
 )
 from axistwin_conformance.families.mac.can.driver import CanDriver
 from axistwin_conformance.families.mac.can.settings import SETTINGS, TORQUE, held, unchanged
@@ -44,6 +45,7 @@ ACKNOWLEDGED_WITHIN_S: Final = 0.5  # MACS-REPLY-16: what the ledger gives a rep
 REFUSED_EXCHANGES: Final = 12  # three replies that are listened behind, and a look after each
 LONG: Final = 100  # increments at the slowest speed: longer than that
 QUICK: Final = 0x1000  # 512 us an increment
+RAMPED: Final = 0x5800  # with AA 1 a ramp takes 0.68 s: longer than a reply may
 LATE_S: Final = 0.2
 # Commands whose effect lasts, and what is sent before each.
 LASTING: Final[tuple[tuple[tuple[int, ...], int], ...]] = (
@@ -301,6 +303,34 @@ def any_sub_index_is_repeated_and_selects_nothing(session: Session) -> None:
             _judge_sub_index(driver, index, sub_index, plain)
 
 
+@check("MACC-SDO-03", "MACC-SDO-01", "MACC-SDO-02", safety=MOVES)
+def each_reply_repeats_what_its_own_request_names(session: Session) -> None:
+    """Index and sub-index of a reply are its own request's, whatever other index and sub-index the
+    request before has named, accepted or refused, in either direction, of whomever."""
+    driver = CanDriver(session)
+    driver.motion.at_rest()
+    request, other = driver.client.request, unknown_addresses(session)[0]
+    own = ((0x07, "MACC-SDO-01"), (0x20, "MACC-SDO-03"), (0x12, "MACC-SDO-02"))
+    sub_index, refusals = SUB_INDICES[2], 0
+    for before in (
+        *(request(index, 0, sub_index) for index in (0x07, 0x18, 0x21, 0x1B, 0x29)),
+        request(0x26, 0, sub_index, address=other),
+        replace(driver.client.to_all(0x26), sub_index=sub_index),
+    ):
+        for index, name in own:
+            replies(driver, before.frame(), is_awaited=before.address != other)
+            if index in codec.DOWNLOADS or index in codec.ANSWERED:
+                the_reply(driver, request(index), name)
+                continue
+            received = replies(driver, request(index).frame())  # none at all in one reading
+            flaws = [codec.mismatch(request(index), frame) for frame in received]
+            wanted = f"the index and sub-index of {codec.explain(request(index).frame())}"
+            session.expect(not any(flaws), name, wanted, described(received))
+            refusals += len(received)
+    if not refusals:
+        session.not_run("MACC-SDO-02", "it does not answer what is unassigned (MACC-AMB-15)")
+
+
 @check("MACC-SDO-09", safety="stored")
 def a_download_with_a_sub_index_sets_the_same(session: Session) -> None:
     """A download with any sub-index sets what it sets without one, or is refused and sets
@@ -464,6 +494,34 @@ def a_motion_is_answered_when_it_is_taken_over(session: Session) -> None:
     _judge_prompt(driver, sent_ns)
     driver.motion.at_rest()
     _judge_silent(driver, listen_s)
+
+
+@check("MACC-SDO-13", safety=MOVES)
+def starts_changes_and_stops_are_answered_when_they_are_taken_over(session: Session) -> None:
+    """Whatever begins, changes or ends a motion is acknowledged at once: not when the axis has
+    reached its speed, or has come to rest, or when the segment before is over."""
+    driver = CanDriver(session)
+    driver.limits.needs_room(4 * ramp_increments(1), "a ramp up and one down, and some way more")
+    period = driver.limits.gentle(RAMPED, 3.0)
+    slower = velocity(1, min(SLOWEST, 2 * period))
+    far, segment = 4 * ramp_increments(1), segment_parameter(LONG, SLOWEST)
+    for row in (
+        ((0x15, velocity(1, period)), (0x15, slower), (0x17, 0)),
+        ((0x15, velocity(-1, period)), (0x15, 0)),
+        ((0x10, 0), (0x13, far), (0x11, 0), (0x17, 0)),
+        ((0x16, segment), (0x1E, segment), (0x16, segment), (0x18, 0)),
+        ((0x13, far), (0x1A, 0)),
+    ):
+        start = driver.motion.ready(period, 1)
+        for number, (index, parameter) in enumerate(row):
+            parameter += start if index == 0x13 else 0
+            sent_ns = session.transport.now_ns
+            driver.judge.accepted(index, parameter, requirement="MACC-SDO-13")
+            _judge_prompt(driver, sent_ns)
+            is_climbing = index in (0x11, 0x15) and number + 1 < len(row)
+            if is_climbing:
+                driver.client.wait(2 * driver.motion.lasting_s(ramp_increments(1)))
+        driver.motion.at_rest()
 
 
 @check("MACC-SDO-06", safety=MOVES)
