@@ -310,25 +310,7 @@ def torque_catch_up_and_tolerance_are_free_in_motion(session: Session) -> None:
     for name, what in PARTLY.items():
         session.info(name, what)
     _torque_up_and_down_in_motion(driver_of(session))
-    _free_amid(driver_of(session))
     _tolerance_on_the_way(driver_of(session))
-
-
-def _free_amid(driver: AxisDriver) -> None:
-    """An endless motion and segments go on as they were, whatever is set meanwhile."""
-    for state, name in (("VE", "MACS-CMD-0E-02"), ("IN", "MACS-CMD-0E-02")):
-        start = driver.motion.ready(_slowly(driver))
-        own = driver.client.parameters()
-        forecast = _begun(driver, state, start)
-        values = {0x0E: own[0x0E] ^ 1, 0x1C: 0xFF}
-        for index, value in values.items():
-            driver.client.command(index, PARAMETERS[index].parameter(value))
-        driver.judge.accepted(0x07, 0, requirement="MACS-CMD-07-01")
-        driver.client.wait(SHOWS_S)
-        driver.motion.follow(forecast, name, driver.limits.allowance(driver.motion.period))
-        driver.motion.at_rest()
-        for index in values:
-            driver.client.command(index, PARAMETERS[index].parameter(own[index]))
 
 
 def _torque_up_and_down_in_motion(driver: AxisDriver) -> None:
@@ -535,10 +517,8 @@ def _locked(driver: AxisDriver, values: Mapping[int, int], start: int) -> Iterat
 
 @check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def the_lock_ends_with_the_motion(session: Session) -> None:
-    """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted; the
-    lock is there however the motion began."""
+    """0Dh and 0Fh are refused up to the end of a move and a segment, then accepted."""
     driver = driver_of(session)
-    _locked_however_it_began(driver)
     start = driver.motion.ready(driver.limits.outlasting(100, 0x4000))
     slack_ns = 0 if session.transport.is_virtual else 200_000_000
     before_ns = 40_000_000 + driver.client.target.uncertainty_ns
@@ -554,31 +534,6 @@ def the_lock_ends_with_the_motion(session: Session) -> None:
         driver.judge.accepted(0x0D, driver.motion.period, requirement="MACS-STATE-01")
         driver.judge.accepted(0x13, start, requirement="MACS-CMD-13-01")
         driver.client.wait(0.3 + driver.motion.lasting_s(100))
-
-
-def _locked_however_it_began(driver: AxisDriver) -> None:
-    """A virtual segment locks, and what 11h started, and a turn whose speed has changed: 02h and
-    13h, which are locked in any reading."""
-    period = _slowly(driver)
-    turn, segment = velocity(1, period), segment_parameter(LONG_STEPS, period)
-    way = driver.limits.way_outlasting(LONG_STEPS, period, 6)
-    for rows in (
-        ((0x1E, segment),),
-        ((0x10, 0), (0x13, way), (0x11, 0)),
-        ((0x10, 0), (0x15, turn), (0x11, 0)),
-        ((0x15, turn), (0x15, velocity(1, period // 2 + SLOWEST // 2))),
-    ):
-        start = driver.motion.ready(period)
-        sent = [
-            driver.judge.accepted(index, parameter + start * (index == 0x13))
-            for index, parameter in rows
-        ]
-        over_ns = sent[-1].taken.earliest_ns + LONG_STEPS * period * TICK_NS
-        for index, parameter in ((0x02, 1), (0x13, start)):
-            exchange = driver.client.command(index, parameter)
-            driver.motion.taken_in_time(exchange, over_ns, "the motion")
-            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
-        driver.motion.at_rest()
 
 
 def _short_move(driver: AxisDriver, start: int) -> tuple[int, int]:
