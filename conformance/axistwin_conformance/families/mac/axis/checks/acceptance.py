@@ -36,6 +36,8 @@ MOST_LOCKED: Final = 14  # exchanges while what is locked is tried
 RESUMES_S: Final = 0.2  # after it: what waited for the axis to be at rest would have begun
 SHOWS_S: Final = 0.1  # another speed than the slowest
 STANDS_S: Final = 0.1  # after 17h without a ramp
+AHEAD: Final = 12  # increments: passed while what is locked is tried
+FAR: Final = 100_000  # increments: a stop that is never reached
 NEAR: Final = 40  # increments of tolerance: behind a start, for a while, and not before the end
 SHORT_STEPS: Final = 100  # to run on for so many is waited for at the slowest speed
 
@@ -401,12 +403,17 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
     stored = _after_a_restart(driver)
     for state in RUNNING:
         start = driver.motion.ready(_slowly(driver))
+        driver.motion.keep_off(0x09, start + FAR)
+        driver.motion.keep_off(0x0A, start - FAR)
+        if state != "IN":  # there a refused 03h enables none
+            driver.judge.accepted(0x03, 8)
         before = driver.client.parameters()
         forecast = _begun(driver, state, start)
         for index, parameter in _locked(driver, before, start):
             if driver.client.command(index, parameter).kind is not ReplyKind.REFUSED:
                 return  # the checks of the lock judge that
         _refused_wherever_to(driver, start, forecast)
+        driver.client.wait(SHOWS_S)
         driver.motion.follow(forecast, names, driver.limits.allowance(driver.motion.period))
         after = driver.client.parameters()
         _judge_as_before(driver, before, after)
@@ -489,7 +496,7 @@ def _unassigned_on_the_way(driver: AxisDriver) -> None:
 def _begun(driver: AxisDriver, state: str, start: int) -> Forecast:
     """Begin a motion of that kind that outlasts what is then sent; what to expect of it."""
     if state == "VE":
-        return driver.motion.turn(1, driver.motion.period)
+        return driver.motion.turn(-1, driver.motion.period)
     if state == "PO":
         period = driver.motion.period
         return driver.motion.go(start + driver.limits.way_outlasting(60, period, MOST_LOCKED))
@@ -501,9 +508,9 @@ def _locked(driver: AxisDriver, values: Mapping[int, int], start: int) -> Iterat
     """What every motion locks, as far as this device does, each with another value than it has."""
     asked = {
         0x02: 1 - (values[0x02] & 1),
-        0x03: 1,
-        0x09: start + 0x4321,
-        0x0A: start - 0x4321,
+        0x03: 0 if values[0x03] else 9,
+        0x09: start + AHEAD,  # in the way of the motion, up or down
+        0x0A: start - AHEAD,
         0x0D: driver.limits.slowed(0x2123),
         0x0F: values[0x0F] ^ 0x05,
         0x14: 0,

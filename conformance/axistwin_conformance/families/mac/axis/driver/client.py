@@ -186,6 +186,10 @@ class AxisClient(ABC):
     def described(self, received: bytes) -> str:
         """A reply in words."""
 
+    def judge_deaf(self, since_ns: int, seconds: float) -> None:
+        """Hold it against a module that it answers while it restarts, which it does for so long,
+        if this face has a requirement about that."""
+
     def synchronise(self) -> AxisExchange | None:
         """Do what 11h does, to all modules and without a reply; None where there is no such way."""
         return None
