@@ -136,7 +136,7 @@ def arming_concerns_one_motion(session: Session) -> None:
     )
     if not _is_permanent(driver):
         driver.motion.finish(driver.motion.go(start), "MACS-CMD-10-02")
-        for index in (0x13, 0x14) if start == 0 else (0x13,):
+        for index in (0x14, 0x13) if start == 0 else (0x13,):
             driver.judge.accepted(0x10)
             driver.judge.accepted(index, start)  # where it is: the motion that 10h concerns
             driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
