@@ -7,6 +7,7 @@ named quirk is no kill; a fault that is another admissible reading of the manual
 
 from zoo import (
     aftermath,
+    beginnings,
     commands,
     edges,
     effects,
@@ -27,7 +28,7 @@ from zoo.mutant import Mutant
 
 FAMILIES = (
     framing, replies, commands, queries, motion, interpolation, stops, sync, persistence, inputs,
-    faults, edges, effects, aftermath, phases, leftovers,
+    faults, edges, effects, aftermath, phases, leftovers, beginnings,
 )  # fmt: skip
 
 ZOO: tuple[Mutant, ...] = tuple(

@@ -49,6 +49,7 @@ class SerialClient(AxisClient):
     face: ClassVar[AxisFace] = AxisFace(
         answered=ANSWERED,
         may_be_silent=MAY_BE_SILENT,
+        deaf="MACS-CMD-00-02",
         repeatable=REPEATABLE,
         signs={
             ReplyKind.ACCEPTED: "06 13 1A",

@@ -36,6 +36,8 @@ MOST_LOCKED: Final = 14  # exchanges while what is locked is tried
 RESUMES_S: Final = 0.2  # after it: what waited for the axis to be at rest would have begun
 SHOWS_S: Final = 0.1  # another speed than the slowest
 STANDS_S: Final = 0.1  # after 17h without a ramp
+AHEAD: Final = 12  # increments: passed while what is locked is tried
+FAR: Final = 100_000  # increments: a stop that is never reached
 NEAR: Final = 40  # increments of tolerance: behind a start, for a while, and not before the end
 SHORT_STEPS: Final = 100  # to run on for so many is waited for at the slowest speed
 
@@ -310,25 +312,7 @@ def torque_catch_up_and_tolerance_are_free_in_motion(session: Session) -> None:
     for name, what in PARTLY.items():
         session.info(name, what)
     _torque_up_and_down_in_motion(driver_of(session))
-    _free_amid(driver_of(session))
     _tolerance_on_the_way(driver_of(session))
-
-
-def _free_amid(driver: AxisDriver) -> None:
-    """An endless motion and segments go on as they were, whatever is set meanwhile."""
-    for state, name in (("VE", "MACS-CMD-0E-02"), ("IN", "MACS-CMD-0E-02")):
-        start = driver.motion.ready(_slowly(driver))
-        own = driver.client.parameters()
-        forecast = _begun(driver, state, start)
-        values = {0x0E: own[0x0E] ^ 1, 0x1C: 0xFF}
-        for index, value in values.items():
-            driver.client.command(index, PARAMETERS[index].parameter(value))
-        driver.judge.accepted(0x07, 0, requirement="MACS-CMD-07-01")
-        driver.client.wait(SHOWS_S)
-        driver.motion.follow(forecast, name, driver.limits.allowance(driver.motion.period))
-        driver.motion.at_rest()
-        for index in values:
-            driver.client.command(index, PARAMETERS[index].parameter(own[index]))
 
 
 def _torque_up_and_down_in_motion(driver: AxisDriver) -> None:
@@ -419,12 +403,17 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
     stored = _after_a_restart(driver)
     for state in RUNNING:
         start = driver.motion.ready(_slowly(driver))
+        driver.motion.keep_off(0x09, start + FAR)
+        driver.motion.keep_off(0x0A, start - FAR)
+        if state != "IN":  # there a refused 03h enables none
+            driver.judge.accepted(0x03, 8)
         before = driver.client.parameters()
         forecast = _begun(driver, state, start)
         for index, parameter in _locked(driver, before, start):
             if driver.client.command(index, parameter).kind is not ReplyKind.REFUSED:
                 return  # the checks of the lock judge that
         _refused_wherever_to(driver, start, forecast)
+        driver.client.wait(SHOWS_S)
         driver.motion.follow(forecast, names, driver.limits.allowance(driver.motion.period))
         after = driver.client.parameters()
         _judge_as_before(driver, before, after)
@@ -507,7 +496,7 @@ def _unassigned_on_the_way(driver: AxisDriver) -> None:
 def _begun(driver: AxisDriver, state: str, start: int) -> Forecast:
     """Begin a motion of that kind that outlasts what is then sent; what to expect of it."""
     if state == "VE":
-        return driver.motion.turn(1, driver.motion.period)
+        return driver.motion.turn(-1, driver.motion.period)
     if state == "PO":
         period = driver.motion.period
         return driver.motion.go(start + driver.limits.way_outlasting(60, period, MOST_LOCKED))
@@ -519,9 +508,9 @@ def _locked(driver: AxisDriver, values: Mapping[int, int], start: int) -> Iterat
     """What every motion locks, as far as this device does, each with another value than it has."""
     asked = {
         0x02: 1 - (values[0x02] & 1),
-        0x03: 1,
-        0x09: start + 0x4321,
-        0x0A: start - 0x4321,
+        0x03: 0 if values[0x03] else 9,
+        0x09: start + AHEAD,  # in the way of the motion, up or down
+        0x0A: start - AHEAD,
         0x0D: driver.limits.slowed(0x2123),
         0x0F: values[0x0F] ^ 0x05,
         0x14: 0,
@@ -535,10 +524,8 @@ def _locked(driver: AxisDriver, values: Mapping[int, int], start: int) -> Iterat
 
 @check("MACS-STATE-01", "MACS-CMD-13-01", safety=("motion", "stored"), level="full")
 def the_lock_ends_with_the_motion(session: Session) -> None:
-    """0Dh and 0Fh are refused up to the end of a move, a turn and a segment, then accepted; the
-    lock is there however the motion began."""
+    """0Dh and 0Fh are refused up to the end of a move and a segment, then accepted."""
     driver = driver_of(session)
-    _locked_however_it_began(driver)
     start = driver.motion.ready(driver.limits.outlasting(100, 0x4000))
     slack_ns = 0 if session.transport.is_virtual else 200_000_000
     before_ns = 40_000_000 + driver.client.target.uncertainty_ns
@@ -554,31 +541,6 @@ def the_lock_ends_with_the_motion(session: Session) -> None:
         driver.judge.accepted(0x0D, driver.motion.period, requirement="MACS-STATE-01")
         driver.judge.accepted(0x13, start, requirement="MACS-CMD-13-01")
         driver.client.wait(0.3 + driver.motion.lasting_s(100))
-
-
-def _locked_however_it_began(driver: AxisDriver) -> None:
-    """A virtual segment locks, and what 11h started, and a turn whose speed has changed: 02h and
-    13h, which are locked in any reading."""
-    period = _slowly(driver)
-    turn, segment = velocity(1, period), segment_parameter(LONG_STEPS, period)
-    way = driver.limits.way_outlasting(LONG_STEPS, period, 6)
-    for rows in (
-        ((0x1E, segment),),
-        ((0x10, 0), (0x13, way), (0x11, 0)),
-        ((0x10, 0), (0x15, turn), (0x11, 0)),
-        ((0x15, turn), (0x15, velocity(1, period // 2 + SLOWEST // 2))),
-    ):
-        start = driver.motion.ready(period)
-        sent = [
-            driver.judge.accepted(index, parameter + start * (index == 0x13))
-            for index, parameter in rows
-        ]
-        over_ns = sent[-1].taken.earliest_ns + LONG_STEPS * period * TICK_NS
-        for index, parameter in ((0x02, 1), (0x13, start)):
-            exchange = driver.client.command(index, parameter)
-            driver.motion.taken_in_time(exchange, over_ns, "the motion")
-            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
-        driver.motion.at_rest()
 
 
 def _short_move(driver: AxisDriver, start: int) -> tuple[int, int]:

@@ -32,6 +32,10 @@ ORDER = 140  # of this module in a run; see `Family.modules`
 SURELY_EMPTY_NS: Final = 1_000_000_000  # after the end of all that was put there
 SWINGING_NS: Final = 2_000_000  # of a time that two exchanges straddle
 MANY: Final = 0x102  # steps of FFFFh: 2.1 s
+# Steps whose bytes are 00, 80 or FF: where a sign, or a carry, may be lost.
+EDGES: Final = (-0x100, 0x100, -0x200, 0x80, -0x80, 0xFF, -0xFF, 0x200)
+# Virtual segments, which no motor limits: so many steps, so fast.
+FAST: Final = ((0x4000, 0x20), (0x7F80, 0x08))
 
 
 def plain(session: Session) -> AxisDriver:
@@ -112,9 +116,11 @@ def segments_run_at_their_own_constant_speed(session: Session) -> None:
 
 @check("MACS-CMD-16-01", "MACS-FRAME-05", safety=MOVES, level="full")
 def segment_steps_are_signed(session: Session) -> None:
-    """DDDD is a signed number of steps: FFFFh is one back and 8000h goes backward; or unsigned."""
+    """DDDD is a signed number of steps, whatever its bytes: FFFFh is one back and 8000h goes
+    backward; or unsigned."""
     driver = driver_of(session)
     driver.judge.again(segment_signed, ("MACS-CMD-16-01", "MACS-FRAME-05"))
+    _judge_edges(driver)
     start, segment = driver.motion.ready(), Segment(-0x8000, driver.limits.slowed(0x1000))
     if not driver.readings.known("segment_signed") and driver.limits.fits(start - 0x8000):
         exchange = driver.judge.must(ReplyKind.ACCEPTED, put(driver, segment))
@@ -124,6 +130,19 @@ def segment_steps_are_signed(session: Session) -> None:
             forecast, ("MACS-CMD-16-01", "MACS-FRAME-05"), driver.limits.allowance(segment.period)
         )
         driver.motion.at_rest()
+
+
+def _judge_edges(driver: AxisDriver) -> None:
+    """Segments of steps whose bytes are 00, 80 or FF end where they are to, either way."""
+    start, period = driver.motion.ready(), driver.limits.slowed(0x0640)
+    for steps in EDGES:
+        segment = Segment(steps if steps > 0 else back(driver, -steps), period)
+        if driver.limits.fits(start + segment.steps):
+            exchange = driver.judge.must(ReplyKind.ACCEPTED, put(driver, segment))
+            forecast = driver.motion.to_segments(exchange, start, segment)
+            start = driver.motion.finish(forecast, ("MACS-CMD-16-01", "MACS-FRAME-05"))
+            if driver.readings.known("fifo_underrun"):
+                start = driver.motion.ready()
 
 
 @check("MACS-CMD-1E-01", "MACS-CMD-16-01", safety=MOVES)
@@ -151,10 +170,16 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
 @check("MACS-CMD-1E-01", safety=MOVES, level="full")
 def a_segment_behind_virtual_ones_begins_on_time(session: Session) -> None:
     """Behind one virtual segment of few long steps and one of more than 2 s, which no counter of 24
-    bits holds, a segment begins when all their ticks are over."""
+    bits holds, and behind many steps too fast for a motor, a segment begins when all their ticks
+    are over."""
     driver = plain(session)
     few = driver.limits.segment(4, SLOWEST, moves=False)
-    for pauses in ((few, Segment(2, SLOWEST, moves=False)), (Segment(MANY, SLOWEST, moves=False),)):
+    fast = [Segment(steps, period, moves=False) for steps, period in FAST]
+    for pauses in (
+        (few, Segment(2, SLOWEST, moves=False)),
+        (Segment(MANY, SLOWEST, moves=False),),
+        *((few, one) for one in fast),
+    ):
         start = driver.motion.ready(0x1000)
         row = [*pauses, Segment(100, driver.motion.period)]
         driver.motion.watch(driver.motion.feed(start, *row), samples=12)

@@ -12,6 +12,7 @@ from axistwin_conformance.core.wording import REQUEST, Observation
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind, signed
+from axistwin_conformance.families.mac.axis.model.forecast import Forecast
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS
 from axistwin_conformance.families.mac.axis.probes.parameters import (
     catchup_low_byte,
@@ -132,9 +133,9 @@ def in_standby_the_axis_stays_within_one_increment(session: Session) -> None:
     session.expect(first == second, None, f"standing still at {first}", second)
 
 
-@check("MACS-CMD-03-01", "MACS-Q-26-01", safety="stored")
+@check("MACS-CMD-03-01", "MACS-Q-26-01", "MACS-CMD-07-01", safety="stored")
 def the_stops_mode_reads_back(session: Session) -> None:
-    """03h takes 0, 1, 8 and 9; nibble m of 26h tells; nibble K stays."""
+    """03h takes 0, 1, 8 and 9; nibble m of 26h tells; nibble K stays.  07h changes none of them."""
     driver = driver_of(session)
     driver.client.command(0x02, 0)
     reads_back(
@@ -144,6 +145,14 @@ def the_stops_mode_reads_back(session: Session) -> None:
         0xFF00,
         ("MACS-CMD-03-01", "MACS-Q-26-01"),
     )
+    for mode in (9, 0):
+        driver.judge.accepted(0x03, mode)
+        before = driver.client.value(0x26)
+        for value in (1, 0):
+            driver.judge.accepted(0x07, value, requirement="MACS-CMD-07-01")
+            after = driver.client.value(0x26)
+            wanted, seen = f"26h still {before:08X} after 07h {value:02X}", f"{after:08X}"
+            session.expect(after == before, "MACS-CMD-07-01", wanted, seen)
 
 
 @check("MACS-CMD-0C-01", "MACS-Q-26-01", safety="stored")
@@ -224,6 +233,10 @@ def the_catch_up_speed_reads_back(session: Session) -> None:
     cases = ((value << 8, value << 24 | low) for value in (0x01, 0x05, 0x80, 0xFF, 0x14))
     reads_back(driver, 0x0E, cases, 0xFFFFFFFF, ("MACS-CMD-0E-01", "MACS-Q-25-01"))
     driver.judge.again(catchup_low_byte, "MACS-CMD-0E-01")
+    for low_byte in (0xAA, 0xFF):  # whatever a device does with it, 25h has no place for it
+        driver.client.command(0x0E, 0x0500 | low_byte)
+        zero = driver.client.value(0x25) >> 16 & 0xFF
+        session.expect(not zero, "MACS-Q-25-01", "rr 00 vvvv", f"{zero:02X} in place of 00")
     driver.judge.again(zero_catchup, "MACS-CMD-0E-01")
 
 
@@ -295,6 +308,31 @@ def setting_one_parameter_leaves_the_others(session: Session) -> None:
             if len(wanted) + len(left_out) == len(UNLIKE):
                 found = _beside(driver, *left_out)
                 session.expect(found == wanted, name, *_differing(wanted, found))
+    driver.client.command(0x03, 0)
+
+
+@check(*(f"MACS-CMD-{index:02X}-01" for index in sorted(UNLIKE)), safety=MOVES, level="full")
+def parameters_are_set_without_power(session: Session) -> None:
+    """After 1Ah every parameter is set as ever: read at once, and with the power on again."""
+    driver = driver_of(session)
+    driver.motion.ready()
+    driver.client.command(0x1A)
+    wanted = driver.client.parameters()
+    for index, (value, _) in UNLIKE.items():
+        value = max(value, driver.limits.fastest if index == 0x0D else 0)
+        name, sent = f"MACS-CMD-{index:02X}-01", PARAMETERS[index].parameter(value)
+        exchange = driver.client.command(index, sent)
+        if index != 0x1C or exchange.kind is not ReplyKind.REFUSED:  # see MACS-AMB-09
+            driver.judge.must(ReplyKind.ACCEPTED, exchange, name)
+            wanted[index] = value
+    for powers in (False, True):
+        if powers:
+            driver.client.command(0x19)
+        found = driver.client.parameters()
+        for index in UNLIKE:
+            due, seen = ({index: values[index]} for values in (wanted, found))
+            name = f"MACS-CMD-{index:02X}-01"
+            session.expect(due == seen, name, *_differing(due, seen))
     driver.client.command(0x03, 0)
 
 
@@ -397,9 +435,10 @@ def the_counter_is_cleared_where_the_axis_stands(session: Session) -> None:
     _put_origin_back(driver, away)
 
 
-@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", safety=("motion", "stored"), level="full")
+@check("MACS-CMD-0B-02", "MACS-CMD-0B-01", "MACS-STATE-01", safety=MOVES, level="full")
 def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
-    """0Bh in velocity motion is accepted, clears the counter, and the motion goes on as it was."""
+    """0Bh in velocity motion, or amid segments, is accepted, clears the counter, and the motion
+    goes on as it was, and as locked."""
     driver = driver_of(session)
     start = driver.motion.ready(SLOWEST)
     _step_off(driver, start)
@@ -407,6 +446,7 @@ def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
     driver.client.wait(0.3)
     exchange = driver.judge.accepted(0x0B)
     moved = forecast.bounds(exchange.taken)
+    judge_still_locked(driver, forecast)
     driver.client.wait(0.2)
     sample = driver.client.sample()
     lowest, highest = forecast.bounds(sample.taken)
@@ -428,6 +468,7 @@ def _judge_cleared_in_segments(driver: AxisDriver) -> None:
     forecast = driver.motion.feed(start, *[segment] * 3)
     exchange = driver.judge.accepted(0x0B)
     lowest, highest = forecast.bounds(exchange.taken)
+    judge_still_locked(driver, forecast)
     whole = 3 * segment.steps
     driver.client.wait(0.1 + driver.motion.lasting_s(whole))
     place, ends = driver.client.position(), start + whole
@@ -438,6 +479,16 @@ def _judge_cleared_in_segments(driver: AxisDriver) -> None:
         place,
     )
     _put_origin_back(driver, ends - place)
+
+
+def judge_still_locked(driver: AxisDriver, forecast: Forecast) -> None:
+    """In the middle of a motion what it locks is refused, as far as this device locks it."""
+    values = {0x02: 1, 0x0D: driver.motion.period, 0x0F: driver.motion.coefficient}
+    for index, value in values.items():
+        exchange = driver.client.command(index, value)
+        driver.motion.taken_in_time(exchange, forecast.steady_until_ns, "the motion")
+        if index == 0x02 or driver.readings.known("motion_lock_set") == 0:
+            driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
 
 
 def _step_off(driver: AxisDriver, start: int) -> int:

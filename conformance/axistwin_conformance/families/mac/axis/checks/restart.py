@@ -7,6 +7,7 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.checks.parameters import judge_still_locked
 from axistwin_conformance.families.mac.axis.checks.stops import SIDES
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
@@ -269,9 +270,10 @@ def clearing_the_counter_during_a_move(session: Session) -> None:
     session.expect(True, "MACS-CMD-0B-01", "", "")
 
 
-@check("MACS-CMD-0B-01", "MACS-CMD-13-05", safety=MOVES, level="full")
+@check("MACS-CMD-0B-01", "MACS-CMD-13-05", "MACS-STATE-01", safety=MOVES, level="full")
 def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) -> None:
-    """0Bh while the axis climbs: the rest of the way, now longer, is run as if from the start."""
+    """0Bh while the axis climbs: the rest of the way, now longer, is run as if from the start; the
+    axis stays locked."""
     driver = driver_of(session)
     start, beyond = driver.motion.ready(SLOWEST, 1), driver.limits.way_outlasting(20, SLOWEST, 2)
     target = 2 * ramp_increments(1) + 40 + beyond
@@ -296,6 +298,7 @@ def a_move_whose_counter_is_cleared_on_the_ramp_keeps_to_it(session: Session) ->
         for place, end in ends
         for timeline in driver.motion.to_position(sent, start - place, end).timelines
     )
+    judge_still_locked(driver, onward)
     driver.motion.watch(onward, ("MACS-CMD-0B-01", "MACS-CMD-13-05"), samples=6)
     driver.motion.set_plain()
     driver.motion.finish(

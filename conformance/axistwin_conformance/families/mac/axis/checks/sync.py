@@ -25,6 +25,7 @@ ORDER = 150  # of this module in a run; see `Family.modules`
 
 ARMED_S: Final = 1.0  # an arm has no end of its own; see also left_alone.py
 ARMED_EXCHANGES: Final = 8  # in a move
+ASIDE: Final = 60  # increments
 
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-STATE-01", safety=MOVES)
@@ -57,9 +58,10 @@ def a_preloaded_move_waits_for_11h(session: Session) -> None:
 
 @check("MACS-CMD-10-01", "MACS-CMD-11-01", "MACS-CMD-14-01", safety=MOVES, level="full")
 def velocity_and_14h_can_be_preloaded_too(session: Session) -> None:
-    """15h and 14h after 10h wait for 11h just so."""
+    """15h and 14h after 10h wait for 11h just so; 14h goes to 0, wherever the last move went."""
     driver = driver_of(session)
     start = driver.motion.ready(0x1000, 1)
+    start = driver.motion.finish(driver.motion.go(start + ASIDE))
     driver.judge.accepted(0x10)
     period = driver.limits.slowed(0x1800)
     driver.judge.accepted(0x15, velocity(-1, period))
@@ -116,9 +118,10 @@ def power_leaves_what_10h_has_begun(session: Session) -> None:
     driver.motion.at_rest()
 
 
-@check("MACS-CMD-10-02", "MACS-CMD-11-02", safety=MOVES)
+@check("MACS-CMD-10-02", "MACS-CMD-11-02", "MACS-CMD-11-01", safety=MOVES)
 def arming_concerns_one_motion(session: Session) -> None:
-    """The motion after a synchronised one starts directly; a second 11h starts nothing again."""
+    """The motion after a synchronised one starts directly, also behind one of no way; a second 11h
+    starts nothing again."""
     driver = driver_of(session)
     start = driver.motion.ready(0x0800)
     driver.judge.accepted(0x10, requirement="MACS-CMD-10-02")
@@ -133,6 +136,11 @@ def arming_concerns_one_motion(session: Session) -> None:
     )
     if not _is_permanent(driver):
         driver.motion.finish(driver.motion.go(start), "MACS-CMD-10-02")
+        for index in (0x14, 0x13) if start == 0 else (0x13,):
+            driver.judge.accepted(0x10)
+            driver.judge.accepted(index, start)  # where it is: the motion that 10h concerns
+            driver.judge.accepted(0x11, requirement="MACS-CMD-11-01")
+            start = driver.motion.finish(driver.motion.go(start + 30), "MACS-CMD-10-02")
         return
     driver.judge.accepted(0x10)
     driver.judge.accepted(0x13, start)

@@ -12,7 +12,7 @@ from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
 from axistwin_conformance.families.mac.axis.driver.motion import as_velocity, velocity
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
 from axistwin_conformance.families.mac.axis.model.forecast import Forecast
-from axistwin_conformance.families.mac.axis.model.kinematics import ramp_increments
+from axistwin_conformance.families.mac.axis.model.kinematics import TICK_NS, ramp_increments
 from axistwin_conformance.families.mac.axis.probes.motion import (
     vel_change_law,
     vel_f6_direction,
@@ -24,6 +24,7 @@ ORDER = 130  # of this module in a run; see `Family.modules`
 
 F6: Final = 0xF6
 FOLLOWS_LOOKS: Final = 4
+CHANGES: Final = 20  # of speed, in one motion
 STOPPING: Final = ("MACS-CMD-15-04", "MACS-CMD-17-01")
 
 
@@ -118,6 +119,31 @@ def _knows_no_formula(driver: AxisDriver) -> bool:
     """True if the ledger does not say how this device changes speeds on a ramp."""
     law = driver.readings.known("vel_change_law")
     return law == 1 or bool(driver.readings.known("ramp_law"))
+
+
+@check("MACS-CMD-15-02", safety=MOVES, level="full")
+def the_speed_changes_as_often_as_it_is_told(session: Session) -> None:
+    """Without a ramp the last of many 15h in a row counts, whatever direction each of them says."""
+    driver = driver_of(session)
+    is_refused = bool(driver.readings.known("vel_reverse_cmd"))
+    driver.motion.ready(SLOWEST)
+    driver.motion.turn(-1, SLOWEST)
+    fast = driver.limits.gentle(0x2000, 1.0)
+    for number in range(CHANGES):
+        period = fast if number == CHANGES - 1 else SLOWEST - number
+        sign = 1 if number % 3 == 0 and not is_refused else -1
+        driver.judge.accepted(0x15, velocity(sign, period))
+    driver.client.wait(0.05)
+    before = driver.client.sample()
+    driver.client.wait(0.15)
+    after = driver.client.sample()
+    driver.motion.at_rest()
+    step_ns, slack = fast * TICK_NS, 1 + driver.limits.allowance(fast)
+    least = (after.taken.earliest_ns - before.taken.latest_ns) // step_ns - slack
+    most = (after.taken.latest_ns - before.taken.earliest_ns) // step_ns + slack
+    moved = abs(after.position - before.position)
+    wanted = f"{least}..{most} increments, after {CHANGES} changes of speed"
+    session.expect(least <= moved <= most, None, wanted, moved)
 
 
 @check("MACS-CMD-15-02", "MACS-CMD-15-04", safety=MOVES, level="full")

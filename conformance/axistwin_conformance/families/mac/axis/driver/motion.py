@@ -147,7 +147,9 @@ class AxisMotion:
         is_heard = exchange.kind is not ReplyKind.SILENCE or session.transport.is_lossless
         if not is_heard and session.readings.get("reset_reply") == "ack" and session.check:
             session.void_attempt("00h may have been lost: there was no reply")
-        self.wait_awake()
+        if exchange.kind is ReplyKind.ACCEPTED:
+            self._client.judge_deaf(exchange.taken.earliest_ns, self.deaf_surely_s)
+        self._client.wait_until(exchange.taken.latest_ns + round(self.awake_surely_s * 1e9))
         return exchange
 
     def before(self, index: int) -> None:

@@ -3,7 +3,7 @@ module alone on the line, and is put back at once (CMD-01, CMD-08, CMD-1B)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -27,6 +27,8 @@ from axistwin_conformance.families.mac.serial.probes.destructive import DESTRUCT
 ORDER = 270  # of this module in a run; see `Family.modules`
 
 OTHER_RATE: Final = 0x02  # of 1Bh: not the factory's
+ASIDE: Final = 25  # increments
+MODES: Final = (0x02, 0x03, 0x1C)  # whether they are stored is open (MACS-AMB-24)
 NEW_ADDRESSES: Final = (0x2A, 0x7F, 0x01)
 
 
@@ -139,15 +141,17 @@ def an_address_that_is_no_number_is_refused(session: Session) -> None:
 
 
 @check(
-    "MACS-CMD-1B-01", "MACS-CMD-XX-02", "MACS-LINE-01", "MACS-REPLY-04", "MACS-REPLY-05",
-    safety=DESTRUCTIVE, needs=("alone",),
+    "MACS-CMD-1B-01", "MACS-CMD-XX-02", "MACS-LINE-01", "MACS-Q-20-02", "MACS-REPLY-04",
+    "MACS-REPLY-05", safety=DESTRUCTIVE, needs=("alone",),
 )  # fmt: skip
 def the_rate_can_be_programmed(session: Session) -> None:
-    """1Bh sets 9600, 19200, 38400 baud; the module restarts, then talks the new rate only; refused
-    or Nacked it does nothing."""
+    """1Bh sets 9600, 19200, 38400 baud; the module restarts, then talks the new rate only, and has
+    kept what it had; refused or Nacked it does nothing."""
     driver = SerialDriver(session)
     if not has_rate(driver):
         session.skip("a plain socket carries bytes, not a rate")
+    driver.motion.finish(driver.motion.go(driver.motion.ready() + ASIDE))
+    before, place = driver.client.parameters(), driver.client.position()
     _nacked_in_vain(driver, driver.client.request(0x1B, OTHER_RATE))
     for value in (0x00, 0x04, 0xFF):
         with brought_back(driver, is_readdressed=False):
@@ -163,7 +167,19 @@ def the_rate_can_be_programmed(session: Session) -> None:
     with brought_back(driver, is_readdressed=False):
         for value in RATES:
             _judge_rate(driver, value)
+            _judge_kept(driver, place, before)
     driver.judge.alive("MACS-LINE-01")
+
+
+def _judge_kept(driver: SerialDriver, place: int, before: Mapping[int, int]) -> None:
+    """Judge that the restart of 1Bh, as any, keeps the position and the parameters."""
+    found, names = driver.client.position(), ("MACS-CMD-1B-01", "MACS-Q-20-02")
+    driver.session.expect(found == place, names, f"position {place} kept over 1Bh", found)
+    after = driver.client.parameters()
+    for index in before.keys() - set(MODES):
+        wanted = f"{driver.client.named(index)} {before[index]:X}h kept over 1Bh"
+        is_kept = after[index] == before[index]
+        driver.session.expect(is_kept, "MACS-CMD-1B-01", wanted, f"{after[index]:X}h")
 
 
 def _nacked_in_vain(driver: SerialDriver, request: SerialRequest) -> None:

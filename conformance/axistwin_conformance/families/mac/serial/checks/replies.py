@@ -26,6 +26,8 @@ ORDER = 20  # of this module in a run; see `Family.modules`
 LISTEN_S: Final = 61.0  # the ledger's minute; on a real line the waits of all other checks add up
 LISTEN_REAL_S: Final = 0.5
 ACKNOWLEDGED_WITHIN_S: Final = 0.5
+UNASSIGNED: Final = (0x12, 0x1F, 0x2A, 0x04)
+WRONG_ALIKE: Final = 3  # wrong answers, all the same, that noise does not make
 LONG: Final = 100  # increments at the slowest speed: longer than that
 
 
@@ -83,6 +85,27 @@ def every_answer_has_the_form_of_the_manual(session: Session) -> None:
         _judge_digit(driver, index, reply)
         _judge_length(driver, index, reply)
         _nothing_follows(driver, exchange)
+    for index in UNASSIGNED:
+        _judge_behind(driver, index)
+
+
+def _judge_behind(driver: SerialDriver, index: int) -> None:
+    """An answer has its own digit whatever was refused before it.  It is asked for without the
+    second try that noise gets, which would hide a first one; noise is not twice the same."""
+    query = driver.client.request(0x20).encode()
+    digits = set[int | None]()
+    for _ in range(WRONG_ALIKE):
+        if driver.client.command(index).kind is not ReplyKind.REFUSED:
+            return  # other readings of what means nothing (MACS-AMB-58)
+        reply = driver.client.send(query).reply
+        if reply.kind is not ReplyKind.ANSWER:
+            return  # of that nothing is known
+        digits.add(reply.digit)
+        if reply.digit == 0:
+            break
+    wanted = f"index digit 0 in the answer to 20h behind {index:02X}h, which was refused"
+    seen = f"digit {max(digits, key=lambda digit: digit or 0):X}"
+    driver.session.expect(0 in digits or len(digits) > 1, "MACS-REPLY-09", wanted, seen)
 
 
 def _nothing_follows(driver: SerialDriver, exchange: AxisExchange) -> None:
