@@ -166,14 +166,14 @@ def a_refused_software_stop_acts_until_the_axis_rests(patch: MonkeyPatch) -> Non
 
         return looking
 
-    def make_run(query: Any_) -> Any_:
-        def asking(axis: Any, now: int, index: int) -> int:
+    def make_replan(call: Any_) -> Any_:
+        def calling(axis: Any, now: int, *rest: Any) -> Any:
             if getattr(axis.drive, "is_to_replan", False):
                 axis.drive.is_to_replan = False
                 axis.drive.replan(now)
-            return int(query(axis, now, index))
+            return call(axis, now, *rest)
 
-        return asking
+        return calling
 
     def make_begin(start: Any_) -> Any_:
         def starting(drive: Any, *rest: Any) -> None:
@@ -183,7 +183,8 @@ def a_refused_software_stop_acts_until_the_axis_rests(patch: MonkeyPatch) -> Non
         return starting
 
     wrap(patch, Axis, "is_locked", make)
-    wrap(patch, Axis, "query", make_run)
+    wrap(patch, Axis, "query", make_replan)
+    wrap(patch, Axis, "execute", make_replan)
     wrap(patch, Stops, "_first_forbidden", look)
     wrap(patch, Drive, "_start", make_begin)
 
