@@ -162,7 +162,7 @@ def a_refused_software_stop_acts_until_the_axis_rests(patch: MonkeyPatch) -> Non
             refused = getattr(stops, "refused", None)
             if way < 0 or refused is None:
                 return place
-            return place - stops._values["superior_stop"] + int(refused)
+            return int(place - stops._values["superior_stop"] + refused)
 
         return looking
 

@@ -77,8 +77,15 @@ def a_motion_is_one_however_it_began(session: Session) -> None:
     """Begun by 13h, 14h, 15h, 16h, 1Eh or 11h, either way, powered or not: what any motion locks is
     refused, 27h shows a move busy and nothing else, and 17h or 18h ends it for good."""
     driver = driver_of(session)
+    _needs_time(driver, EXCHANGES)
     for beginning in BEGINNINGS:
         _judge_begun(driver, beginning)
+
+
+def _needs_time(driver: AxisDriver, exchanges: int) -> None:
+    """Leave the check where no motion inside the envelope outlasts so many exchanges."""
+    steps = driver.limits.steps_outlasting(slowly(driver), exchanges)
+    driver.limits.needs_room(steps, f"a motion that outlasts {exchanges} exchanges on this line")
 
 
 def _judge_begun(driver: AxisDriver, beginning: Beginning) -> None:
@@ -90,7 +97,10 @@ def _judge_begun(driver: AxisDriver, beginning: Beginning) -> None:
         if abs(place) > driver.limits.room() or not driver.limits.fits(-sign * way):
             return
         driver.motion.finish(driver.motion.go(-sign * way))
-    start = driver.motion.ready(period)
+        driver.motion.set_plain(period)
+    else:
+        driver.motion.ready(period)
+    start = driver.client.position()
     target = {0x13: start + sign * way, 0x14: 0}
     steps = segment_parameter(sign * way if sign > 0 else back(driver, way), period)
     turns = iter((velocity(sign, period), velocity(sign, period // 2 + SLOWEST // 2)))
@@ -149,6 +159,7 @@ def what_is_free_in_motion_disturbs_none(session: Session) -> None:
     """07h, 0Ch, 0Eh, 10h, 11h, 19h and 1Ch amid a move, a turn and segments: the values are taken,
     and the motion goes on as it was, as locked as it was, and ends where it was to."""
     driver = driver_of(session)
+    _needs_time(driver, FREE_EXCHANGES)
     for kind in (0x13, 0x15, 0x16):
         start = driver.motion.ready(slowly(driver))
         own = driver.client.parameters()

@@ -173,7 +173,7 @@ def a_segment_behind_virtual_ones_begins_on_time(session: Session) -> None:
     bits holds, and behind many steps too fast for a motor, a segment begins when all their ticks
     are over."""
     driver = plain(session)
-    few = driver.limits.segment(4, SLOWEST, moves=False)
+    few = driver.limits.segment(12, SLOWEST, moves=False)
     fast = [Segment(steps, period, moves=False) for steps, period in FAST]
     for pauses in (
         (few, Segment(2, SLOWEST, moves=False)),

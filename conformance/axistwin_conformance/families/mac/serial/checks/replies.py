@@ -95,7 +95,7 @@ def _judge_behind(driver: SerialDriver, index: int) -> None:
     query = driver.client.request(0x20).encode()
     digits = set[int | None]()
     for _ in range(WRONG_ALIKE):
-        if driver.client.command(index).kind is not ReplyKind.REFUSED:
+        if driver.client.within(QUIET_S, index).kind is not ReplyKind.REFUSED:
             return  # other readings of what means nothing (MACS-AMB-58)
         reply = driver.client.send(query).reply
         if reply.kind is not ReplyKind.ANSWER:
