@@ -23,7 +23,6 @@ from axistwin_conformance.families.mac.axis.model.forecast import TimeWindow
 from axistwin_conformance.families.mac.axis.parameters import PARAMETERS, READ_ORDER, values_of
 from axistwin_conformance.transport.transport import Transport
 
-LEAST_DEAF_MS: Final = 1500  # of the 2 s of MACS-CMD-00-02
 QUIET_S: Final = 0.05  # ten times any reply seen; silence is proven by the next exchange, not by it
 LONGEST_WAIT_S: Final = 10_000  # twice what the longest way of a check takes at the slowest speed
 SHORT_REPLY_BYTES: Final = 3  # of a serial line; longer ones are no acknowledgement
@@ -68,8 +67,7 @@ class AxisFace:
     `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
     comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
     `signs`: how acceptance and refusal look on the wire.  `has_sync`: there is a way to
-    `synchronise`.  `faults`: the bits of dd of 21h with a meaning.  `deaf`: the requirement that a
-    module answers nothing after 00h, if there is one.
+    `synchronise`.  `faults`: the bits of dd of 21h with a meaning.
     """
 
     answered: range
@@ -80,7 +78,6 @@ class AxisFace:
     missing: tuple[int, ...] = ()
     has_sync: bool = False
     faults: int = 0x7F
-    deaf: str = ""
 
     @property
     def acceptance(self) -> Mapping[int, AcceptanceRow]:
@@ -190,23 +187,8 @@ class AxisClient(ABC):
         """A reply in words."""
 
     def judge_deaf(self, since_ns: int, seconds: float) -> None:
-        """Hold it against a module that it answers a query half-way through a restart: each is as
-        long as the others.  Nothing is asked where a query could come too late."""
-        half_ns = round(seconds * 5e8)
-        if not self.face.deaf or self.target.uncertainty_ns > half_ns // 2:
-            return
-        self.wait_until(since_ns + half_ns)
-        exchange = self.in_vain(self.request(0x20))
-        if exchange.kind is ReplyKind.ANSWER:
-            self.answered_after((exchange.taken.latest_ns - since_ns) // 1_000_000)
-
-    def answered_after(self, milliseconds: int) -> None:
-        """Hold it against a module that it answers so soon after a 00h that it has accepted, where
-        this face has a requirement about that."""
-        if self.face.deaf and milliseconds < LEAST_DEAF_MS:
-            wanted = f"no answer for {LEAST_DEAF_MS} ms after any 00h"
-            seen = f"an answer to 20h after {milliseconds} ms"
-            self.session.run.violations.append((self.face.deaf, wanted, seen))
+        """Hold it against a module that it answers while it restarts, which it does for so long,
+        if this face has a requirement about that."""
 
     def synchronise(self) -> AxisExchange | None:
         """Do what 11h does, to all modules and without a reply; None where there is no such way."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from axistwin_conformance.core.probing import Measured, Outcome, probe
-from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, AxisExchange, Sample
+from axistwin_conformance.families.mac.axis.driver.client import QUIET_S, Sample
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver
 from axistwin_conformance.families.mac.axis.driver.motion import DEAF_S
 from axistwin_conformance.families.mac.axis.exchanges import ReplyKind
@@ -169,10 +169,7 @@ def reset_reply(driver: AxisDriver) -> Outcome:
     """00h."""
     driver.motion.ready()
     kind = driver.client.within(QUIET_S, 0x00).kind
-    since_ns = driver.client.target.now_ns
-    answer_ns = _first_answer_ns(driver, since_ns)
-    if answer_ns is not None and kind is ReplyKind.ACCEPTED:
-        driver.client.answered_after((answer_ns - since_ns) // 1_000_000)
+    _first_answer_ns(driver, driver.client.target.now_ns)
     return {ReplyKind.ACCEPTED: 0, ReplyKind.SILENCE: 1}.get(kind, kind.value)
 
 
@@ -201,10 +198,7 @@ def boot_time_ms(driver: AxisDriver) -> Outcome:
 
 def restarted_ns(driver: AxisDriver) -> int:
     """Send 00h; when its reply, or what there would be of it, was over."""
-    return _over_ns(driver.client.within(QUIET_S, 0x00))
-
-
-def _over_ns(exchange: AxisExchange) -> int:
+    exchange = driver.client.within(QUIET_S, 0x00)
     if exchange.kind is ReplyKind.SILENCE:  # it restarts when it has taken the frame (MACS-AMB-20)
         return exchange.taken.earliest_ns
     return exchange.taken.latest_ns
@@ -212,12 +206,9 @@ def _over_ns(exchange: AxisExchange) -> int:
 
 def _deafness(driver: AxisDriver) -> tuple[int, int]:
     """Bounds in ms of the deaf time after 00h, from polling; -1: it never listened again."""
-    restart = driver.client.within(QUIET_S, 0x00)
-    since_ns = _over_ns(restart)
+    since_ns = restarted_ns(driver)
     answer_ns = _first_answer_ns(driver, since_ns)
     high_ms = -1 if answer_ns is None else -(-(answer_ns - since_ns) // 1_000_000)
-    if answer_ns is not None and restart.kind is ReplyKind.ACCEPTED:
-        driver.client.answered_after(high_ms)
     poll_ms = 200 + round(driver.client.target.line_s * 1000)  # from one query in vain to the next
     return max(0, high_ms - poll_ms), high_ms
 
