@@ -170,18 +170,24 @@ def virtual_segments_wait_as_long_as_real_ones_move(session: Session) -> None:
 @check("MACS-CMD-1E-01", safety=MOVES, level="full")
 def a_segment_behind_virtual_ones_begins_on_time(session: Session) -> None:
     """Behind one virtual segment of few long steps and one of more than 2 s, which no counter of 24
-    bits holds, and behind many steps too fast for a motor, a segment begins when all their ticks
-    are over."""
+    bits holds, a segment begins when all their ticks are over."""
     driver = plain(session)
-    few = driver.limits.segment(12, SLOWEST, moves=False)
-    fast = [Segment(steps, period, moves=False) for steps, period in FAST]
-    for pauses in (
-        (few, Segment(2, SLOWEST, moves=False)),
-        (Segment(MANY, SLOWEST, moves=False),),
-        *((few, one) for one in fast),
-    ):
+    few = driver.limits.segment(4, SLOWEST, moves=False)
+    for pauses in ((few, Segment(2, SLOWEST, moves=False)), (Segment(MANY, SLOWEST, moves=False),)):
         start = driver.motion.ready(0x1000)
         row = [*pauses, Segment(100, driver.motion.period)]
+        driver.motion.watch(driver.motion.feed(start, *row), samples=12)
+
+
+@check("MACS-CMD-1E-01", safety=MOVES, level="full")
+def a_segment_behind_many_fast_steps_begins_on_time(session: Session) -> None:
+    """Behind a virtual segment of many steps, too fast for a motor, a segment begins when all their
+    ticks are over."""
+    driver = plain(session)
+    first = driver.limits.segment(25, SLOWEST, moves=False)
+    for steps, period in FAST:
+        start = driver.motion.ready(0x1000)
+        row = [first, Segment(steps, period, moves=False), Segment(100, driver.motion.period)]
         driver.motion.watch(driver.motion.feed(start, *row), samples=12)
 
 
