@@ -50,6 +50,7 @@ class SerialClient(AxisClient):
         answered=ANSWERED,
         may_be_silent=MAY_BE_SILENT,
         repeatable=REPEATABLE,
+        deaf="MACS-CMD-00-02",
         signs={
             ReplyKind.ACCEPTED: "06 13 1A",
             ReplyKind.REFUSED: "06 13 17",
@@ -285,19 +286,6 @@ class SerialClient(AxisClient):
             digits = (index & 0xF, OTHER_DIGITS.get(index))
             return reply.address == self.address and reply.digit in digits
         return reply.digit == index & 0xF
-
-    def judge_deaf(self, since_ns: int, seconds: float) -> None:
-        """See `AxisClient.judge_deaf`: each restart is as long as the others (MACS-CMD-00-02).
-        Asked half-way, unless a query could come too late here."""
-        half_ns = round(seconds * 5e8)
-        if self.target.uncertainty_ns > half_ns // 2:
-            return
-        self.target.wait(max(0.0, (since_ns + half_ns - self.target.now_ns) / 1e9))
-        exchange = self.in_vain(self.request(0x20))
-        is_early = exchange.taken.latest_ns < since_ns + round(seconds * 1e9)
-        if exchange.kind is ReplyKind.ANSWER and is_early:
-            wanted = f"no answer {half_ns // 1_000_000} ms after 00h, as after any"
-            self.session.run.violations.append(("MACS-CMD-00-02", wanted, str(exchange.reply)))
 
     def unasked(self) -> str:
         """What has arrived without being asked for, as hex."""

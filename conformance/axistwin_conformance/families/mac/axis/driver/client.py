@@ -67,7 +67,8 @@ class AxisFace:
     `missing`: commands and queries that other faces have and this one does not.  `unassigned`: what
     comes to a command and to a query that mean nothing, for each reading of `unknown_index`.
     `signs`: how acceptance and refusal look on the wire.  `has_sync`: there is a way to
-    `synchronise`.  `faults`: the bits of dd of 21h with a meaning.
+    `synchronise`.  `faults`: the bits of dd of 21h with a meaning.  `deaf`: the requirement that a
+    module answers nothing after 00h, if there is one.
     """
 
     answered: range
@@ -78,6 +79,7 @@ class AxisFace:
     missing: tuple[int, ...] = ()
     has_sync: bool = False
     faults: int = 0x7F
+    deaf: str = ""
 
     @property
     def acceptance(self) -> Mapping[int, AcceptanceRow]:
@@ -187,8 +189,17 @@ class AxisClient(ABC):
         """A reply in words."""
 
     def judge_deaf(self, since_ns: int, seconds: float) -> None:
-        """Hold it against a module that it answers while it restarts, which it does for so long,
-        if this face has a requirement about that."""
+        """Hold it against a module that it answers a query half-way through a restart: each is as
+        long as the others.  Nothing is asked where a query could come too late."""
+        half_ns = round(seconds * 5e8)
+        if not self.face.deaf or self.target.uncertainty_ns > half_ns // 2:
+            return
+        self.target.wait(max(0.0, (since_ns + half_ns - self.target.now_ns) / 1e9))
+        exchange = self.in_vain(self.request(0x20))
+        is_early = exchange.taken.latest_ns < since_ns + round(seconds * 1e9)
+        if exchange.kind is ReplyKind.ANSWER and is_early:
+            wanted = f"no answer {half_ns // 1_000_000} ms after 00h, as after any"
+            self.session.run.violations.append((self.face.deaf, wanted, str(exchange.reply)))
 
     def synchronise(self) -> AxisExchange | None:
         """Do what 11h does, to all modules and without a reply; None where there is no such way."""
