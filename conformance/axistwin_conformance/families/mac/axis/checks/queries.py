@@ -89,7 +89,7 @@ def positions_are_signed_and_big_endian(session: Session) -> None:
     targets = [start - 1, start + 1, start + 300, start - 300]
     near_zero = abs(start) <= driver.limits.room()
     edges = [edge for edge in (0x8000, -0x8001, 0x10001) if abs(edge) < driver.limits.room()]
-    targets += [-1, 1, 0x101, -0x101, *edges, 0] if near_zero else []
+    targets += [-1, 1, 0x101, -0x101, 0x80, -0x100, *edges, 0] if near_zero else []
     for target in targets:
         driver.motion.finish(
             driver.motion.go(target), ("MACS-CMD-13-01", "MACS-Q-20-01", "MACS-FRAME-05")
