@@ -188,19 +188,6 @@ class AxisClient(ABC):
     def described(self, received: bytes) -> str:
         """A reply in words."""
 
-    def judge_deaf(self, since_ns: int, seconds: float) -> None:
-        """Hold it against a module that it answers a query half-way through a restart: each is as
-        long as the others.  Nothing is asked where a query could come too late."""
-        half_ns = round(seconds * 5e8)
-        if not self.face.deaf or self.target.uncertainty_ns > half_ns // 2:
-            return
-        self.target.wait(max(0.0, (since_ns + half_ns - self.target.now_ns) / 1e9))
-        exchange = self.in_vain(self.request(0x20))
-        is_early = exchange.taken.latest_ns < since_ns + round(seconds * 1e9)
-        if exchange.kind is ReplyKind.ANSWER and is_early:
-            wanted = f"no answer {half_ns // 1_000_000} ms after 00h, as after any"
-            self.session.run.violations.append((self.face.deaf, wanted, str(exchange.reply)))
-
     def synchronise(self) -> AxisExchange | None:
         """Do what 11h does, to all modules and without a reply; None where there is no such way."""
         return None
@@ -388,3 +375,17 @@ def _stands(client: AxisClient) -> bool:
     if before is None or after is None:
         return False
     return abs(signed(after - before & 0xFFFF_FFFF)) <= SWING
+
+
+def judge_deaf(client: AxisClient, since_ns: int, seconds: float) -> None:
+    """Hold it against a module that it answers a query half-way through a restart: each is as
+    long as the others.  Nothing is asked where a query could come too late."""
+    half_ns = round(seconds * 5e8)
+    if not client.face.deaf or client.target.uncertainty_ns > half_ns // 2:
+        return
+    client.target.wait(max(0.0, (since_ns + half_ns - client.target.now_ns) / 1e9))
+    exchange = client.in_vain(client.request(0x20))
+    is_early = exchange.taken.latest_ns < since_ns + round(seconds * 1e9)
+    if exchange.kind is ReplyKind.ANSWER and is_early:
+        wanted = f"no answer {half_ns // 1_000_000} ms after 00h, as after any"
+        client.session.run.violations.append((client.face.deaf, wanted, str(exchange.reply)))

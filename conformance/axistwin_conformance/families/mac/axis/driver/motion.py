@@ -19,6 +19,7 @@ from axistwin_conformance.families.mac.axis.driver.client import (
     Part,
     Sample,
     hold,
+    judge_deaf,
 )
 from axistwin_conformance.families.mac.axis.driver.judge import AxisJudge
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST, AxisLimits
@@ -148,7 +149,7 @@ class AxisMotion:
         if not is_heard and session.readings.get("reset_reply") == "ack" and session.check:
             session.void_attempt("00h may have been lost: there was no reply")
         if exchange.kind is ReplyKind.ACCEPTED:
-            self._client.judge_deaf(exchange.taken.earliest_ns, self.deaf_surely_s)
+            judge_deaf(self._client, exchange.taken.earliest_ns, self.deaf_surely_s)
         self._client.wait_until(exchange.taken.latest_ns + round(self.awake_surely_s * 1e9))
         return exchange
 
