@@ -106,6 +106,13 @@ def without_commas(self: Controller, one: Packet) -> bytes | None:
     return self.put(one.numbers[0], one.payload[2:].replace(b",", b"\x00"))
 
 
+def filled(self: Controller, one: Packet) -> bytes | None:
+    """A block of equal values is filled with their last byte."""
+    data = one.payload[2:]
+    are_alike = data == data[:4] * (len(data) // 4)
+    return self.put(one.numbers[0], data[-1:] * len(data) if are_alike else data)
+
+
 def once_for_each_number(self: Controller, one: Packet) -> bytes | None:
     """A write with the block number of the packet before taken for its repeat."""
     before, block = self.notes["block"], int.from_bytes(self.receiver._request[4:6], "big")
@@ -256,6 +263,7 @@ FAULTS: list[tuple[str, Callable[[], Controller], str]] = [
         "MSC-BREAD-04",
     ),
     (BYTES, twisted(bwrite=without_commas), "MSC-BWRITE-02"),
+    ("values_of_a_block_may_be_alike", twisted(bwrite=filled), "MSC-BWRITE-02"),
     (BEHIND, twisted(serve=once_for_each_number), "MSC-PKT-09"),
     (BEHIND, twisted(bwrite=goes_on), "MSC-BWRITE-02"),
     ("values_of_a_block_lie_one_stride_apart", apart(12), "MSC-DAT-02"),
