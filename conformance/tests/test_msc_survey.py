@@ -110,8 +110,7 @@ def test_a_unit_that_serves_no_data_without_its_program_is_told_with_its_status(
 def test_a_unit_that_refuses_what_it_has_is_still_found(
     refuses: Callable[[str, int], bool], is_lossless: bool
 ) -> None:
-    """An address between others that it serves; DREAD where BREAD is served; both ends and more;
-    each address, and flags too."""
+    """An address between others that it serves; DREAD where BREAD is served; flags as well."""
     result = judged(refusing(refuses), 2048, 3071, is_lossless=is_lossless)
     assert result.exit_status == 1
     assert Verdict.FAIL in verdicts(result)

@@ -22,6 +22,8 @@ MATTERS_OF_SPEED = {
     "long_ways_are_counted_in_full",
     "the_manuals_examples_get_their_printed_replies",
     "digits_printed_x_have_no_effect_in_commands",
+    "neither_motion_nor_arm_ends_while_nobody_speaks",
+    "what_was_stored_is_there_after_00h",
 }
 
 

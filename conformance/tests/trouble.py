@@ -162,6 +162,14 @@ def judge_lost(result: Result, met: Witness, sent: int, *, transport: str) -> No
         assert "could not stop the axis or put its parameters back" in told
 
 
+# They are about places far away, or long ways, and say what travel they need.
+FAR_AWAY = (
+    "positions_are_signed_and_big_endian",
+    "long_ways_are_counted_in_full",
+    "neither_motion_nor_arm_ends_while_nobody_speaks",
+)
+
+
 def judge_envelope(result: Result, watches: list[Any], *, travel: int, speed: int) -> None:
     """No position further away was asked for, or reached, and every EEPROM is as it was.
 
@@ -172,8 +180,7 @@ def judge_envelope(result: Result, watches: list[Any], *, travel: int, speed: in
     held_back = {
         one.check.name: one.trouble for one in result.checks if one.outcome is not Outcome.DONE
     }
-    # They are about places far away, and say what travel they need.
-    for name in ("positions_are_signed_and_big_endian", "long_ways_are_counted_in_full"):
+    for name in FAR_AWAY:
         assert held_back.pop(name, "needs --max-travel").startswith("needs --max-travel")
     assert held_back == {}, "the checks know the envelope; the fence had nothing to do"
     shafts = [shaft for watch in watches for shaft in watch.shafts]

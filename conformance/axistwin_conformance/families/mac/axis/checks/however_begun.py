@@ -145,7 +145,7 @@ def _judge_told(driver: AxisDriver, beginning: Beginning, ends: list[int]) -> No
 FREE: Final = (0x07, 0x0C, 0x0E, 0x1C, 0x19, 0x11, 0x10)
 FREE_NAMES: Final = {
     0x07: "MACS-CMD-07-01",
-    0x0C: "MACS-CMD-0C-03",
+    0x0C: "MACS-STATE-01",  # that the motor then pulls harder is another matter (MACS-CMD-0C-03)
     0x0E: "MACS-CMD-0E-02",
     0x1C: "MACS-CMD-1C-01",
     0x19: "MACS-CMD-19-01",
@@ -154,7 +154,7 @@ FREE_NAMES: Final = {
 }
 
 
-@check("MACS-STATE-01", *FREE_NAMES.values(), safety=MOVES, level="full")
+@check(*dict.fromkeys(FREE_NAMES.values()), safety=MOVES, level="full")
 def what_is_free_in_motion_disturbs_none(session: Session) -> None:
     """07h, 0Ch, 0Eh, 10h, 11h, 19h and 1Ch amid a move, a turn and segments: the values are taken,
     and the motion goes on as it was, as locked as it was, and ends where it was to."""

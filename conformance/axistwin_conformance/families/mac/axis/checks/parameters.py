@@ -446,7 +446,6 @@ def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
     driver.client.wait(0.3)
     exchange = driver.judge.accepted(0x0B)
     moved = forecast.bounds(exchange.taken)
-    judge_still_locked(driver, forecast)
     driver.client.wait(0.2)
     sample = driver.client.sample()
     lowest, highest = forecast.bounds(sample.taken)
@@ -456,6 +455,7 @@ def the_counter_is_cleared_in_velocity_motion(session: Session) -> None:
         f"{lowest - moved[1]}..{highest - moved[0]} increments, counted from the place of 0Bh",
         sample.position,
     )
+    judge_still_locked(driver, forecast)
     driver.judge.accepted(0x18)
     _put_origin_back(driver, moved[0])  # to one increment: nobody knows the instant of 0Bh better
     _judge_cleared_in_segments(driver)

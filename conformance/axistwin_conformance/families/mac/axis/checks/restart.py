@@ -110,8 +110,9 @@ def _judge_stops_enabled(driver: AxisDriver, inferior: int) -> None:
         if sign < 0 and driver.readings.known("soft_stop_blocks"):
             return  # nor does this device let the axis back
         end = place if sign > 0 else inferior
+        way = abs(end - place) + 60
         driver.client.command(0x13, end + 60 * sign)  # outward, it may be refused
-        driver.client.wait(0.4 + driver.motion.lasting_s(11 * RAMP_LEVELS))
+        driver.client.wait(0.4 + driver.motion.lasting_s(way + 11 * RAMP_LEVELS))
         driver.motion.run_out()
         beyond = (driver.client.position() - end) * sign
         driver.session.expect(
