@@ -515,9 +515,8 @@ def starts_changes_and_stops_are_answered_when_they_are_taken_over(session: Sess
         start = driver.motion.ready(period, 1)
         for number, (index, parameter) in enumerate(row):
             parameter += start if index == 0x13 else 0
-            sent_ns = session.transport.now_ns
-            driver.judge.accepted(index, parameter, requirement="MACC-SDO-13")
-            _judge_prompt(driver, sent_ns)
+            taken = driver.judge.accepted(index, parameter, requirement="MACC-SDO-13").taken
+            _judge_took(driver, taken.latest_ns - taken.earliest_ns)
             is_climbing = index in (0x11, 0x15) and number + 1 < len(row)
             if is_climbing:
                 driver.client.wait(2 * driver.motion.lasting_s(ramp_increments(1)))
@@ -571,7 +570,11 @@ def _judge_silent(driver: CanDriver, seconds: float) -> None:
 
 
 def _judge_prompt(driver: CanDriver, sent_ns: int) -> None:
-    took_s = (driver.session.transport.now_ns - sent_ns) / 1e9
+    _judge_took(driver, driver.session.transport.now_ns - sent_ns)
+
+
+def _judge_took(driver: CanDriver, took_ns: int) -> None:
+    took_s = took_ns / 1e9
     driver.session.expect(
         took_s < ACKNOWLEDGED_WITHIN_S, "MACC-SDO-13", "60h at once", f"{took_s:.3f} s"
     )

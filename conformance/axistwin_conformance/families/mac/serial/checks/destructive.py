@@ -81,7 +81,8 @@ def the_address_can_be_programmed(session: Session) -> None:
 def _judge_echo(driver: SerialDriver, address: int) -> None:
     """Who answers at an address, tells that address."""
     query = driver.client.request(0x20, address=address)
-    reply = driver.client.send(query, QUIET_S * 2).reply
+    # As bytes: it is nobody's whom this client talks to, and no noise if it does not answer.
+    reply = driver.client.send(query.encode(), QUIET_S * 2).reply
     if reply.kind is ReplyKind.ANSWER:
         wanted, seen = f"address {address:02X} in the answer", f"address {reply.address:02X}"
         driver.session.expect(reply.address == address, "MACS-REPLY-08", wanted, seen)
