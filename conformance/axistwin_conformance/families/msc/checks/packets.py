@@ -249,7 +249,9 @@ def a_body_of_any_size_is_taken_to_its_end(session: Session) -> None:
         text = f"{size} bytes of body under a wrong sum"
         names = ("MSC-PKT-10", "MSC-PKT-15", "MSC-LNK-04")
         exchange = driver.link.sign(raw, NAK, names, text)
-        is_early = driver.link.is_amid(exchange.asked_ns, len(raw), exchange.signed_ns)
+        # A port or a bridge may hand bytes on sooner than the rate lets them go.
+        is_exact, at_ns = session.target.is_virtual, exchange.signed_ns
+        is_early = is_exact and driver.link.is_amid(exchange.asked_ns, len(raw), at_ns)
         took = f"NAK after {(exchange.signed_ns - exchange.asked_ns) / 1e6:.1f} ms"
         session.expect(not is_early, names, f"NAK at the end of {len(raw)} bytes", took)
         driver.link.alive(("MSC-LNK-22", "MSC-PKT-15", "MSC-PKT-10"))
