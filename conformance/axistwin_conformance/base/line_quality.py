@@ -16,7 +16,7 @@ line, is gone, babbles, or has become another one: the next exchange raises `Tar
 does after `LONGEST_LIMIT_S` and as many bad replies in a row as one exchange is tried, however
 noisy the line.  A device of which something has come meanwhile may be slow, and is waited for
 before it is given up (`Session.is_believed`).  One that is silent was never left alone until then:
-each question may have put off the answer to the next, so it is asked once more behind a silence.
+each question may have put off the answer to the next, so one more goes out behind a silence.
 """
 
 from __future__ import annotations

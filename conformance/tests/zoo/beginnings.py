@@ -236,12 +236,12 @@ def the_digit_of_a_refusal_stays(patch: MonkeyPatch) -> None:
     """The answer behind a refused command has the digit of that command."""
 
     def act(go: Any_, module: Any, frame: bytes, request: Any) -> None:
-        module.asked = frame[7:8]
+        module.queried = frame[7:8]
         go()
 
     def change(data: bytes, module: Any) -> bytes:
         if data == b"\x06\x13\x17":
-            module.kept = module.asked
+            module.kept = module.queried
         digit = getattr(module, "kept", b"")
         if len(data) != 21 or not digit:
             return data

@@ -10,31 +10,20 @@ from axistwin.devices.msc.controller import MscController
 from axistwin.devices.msc.data_area import VALUE_MAX, signed
 from axistwin.devices.msc.flags import FLAGS
 from axistwin.devices.msc.status import Status, StatusBit
-from zoo_msc.planting import MS, Any_, Commands, MonkeyPatch, around, bodies, msc_mutant, payloads
+from zoo_msc.planting import (
+    MS,
+    Any_,
+    Commands,
+    MonkeyPatch,
+    around,
+    at,
+    msc_mutant,
+    number_in,
+    on,
+    payloads,
+)
 
 SAFE_END = 5120  # where what the bench program looks at begins
-
-
-def _number(body: bytes) -> int:
-    return int.from_bytes(body.partition(b",")[2][:2], "big")
-
-
-def _at(body: bytes, address: int) -> bytes:
-    """The same command at another address."""
-    at = body.index(b",") + 1
-    return body[:at] + (address & 0xFFFF).to_bytes(2, "big") + body[at + 2 :]
-
-
-def _on(patch: MonkeyPatch, name: bytes, act: Any_) -> None:
-    """Let one command be judged by `act(go, unit, now, body)`; `go(now, body)` judges it as it
-    should be."""
-
-    def judge(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
-        if body.startswith(name + b","):
-            return act(lambda *others: go(*(others or (now, body))), unit, now, body)
-        return go()
-
-    bodies(patch, judge)
 
 
 def _also(patch: MonkeyPatch, name: bytes, effect: Any_) -> None:
@@ -53,7 +42,7 @@ def _also(patch: MonkeyPatch, name: bytes, effect: Any_) -> None:
 
         return verdict._replace(act=both)
 
-    _on(patch, name, act)
+    on(patch, name, act)
 
 
 def _stores(patch: MonkeyPatch, change: Any_) -> None:
@@ -64,7 +53,7 @@ def _stores(patch: MonkeyPatch, change: Any_) -> None:
         stored = int(change(value)).to_bytes(4, "big", signed=True)
         return go(now, body[:9] + stored) if len(body) == 13 else go()
 
-    _on(patch, b"DWRITE", act)
+    on(patch, b"DWRITE", act)
 
 
 # --- single values -------------------------------------------------------------------------------
@@ -108,12 +97,12 @@ def the_low_byte_of_an_address_has_a_sign(patch: MonkeyPatch) -> None:
     """DREAD and DWRITE add it as a signed character: from 80h on they mean what is 256 before."""
 
     def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
-        address = _number(body)
+        address = number_in(body)
         is_so = address & 0x80 and 256 <= address < SAFE_END
-        return go(now, _at(body, address - 256)) if is_so else go()
+        return go(now, at(body, address - 256)) if is_so else go()
 
     for name in (b"DREAD", b"DWRITE"):
-        _on(patch, name, act)
+        on(patch, name, act)
 
 
 @msc_mutant("MSC-DWRITE-04", "MSC-DWRITE-02", "MSC-PROP-08")
@@ -121,20 +110,20 @@ def a_value_is_seen_a_tenth_of_a_second_later(patch: MonkeyPatch) -> None:
     """For 100 ms behind its DWRITE an address reads as it did before."""
 
     def write(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        place = _number(body)
+        place = number_in(body)
         if place < SAFE_END and unit._data.has(place):
             old = unit._data.read(place)
             unit.before = {**getattr(unit, "before", {}), place: (now + 100 * MS, old)}
         return go()
 
     def read(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        until, old = getattr(unit, "before", {}).get(_number(body), (0, 0))
+        until, old = getattr(unit, "before", {}).get(number_in(body), (0, 0))
         if now >= until:
             return go()
         return unit._read(b"DREAD,", lambda when: old.to_bytes(4, "big", signed=True))
 
-    _on(patch, b"DWRITE", write)
-    _on(patch, b"DREAD", read)
+    on(patch, b"DWRITE", write)
+    on(patch, b"DREAD", read)
 
 
 @msc_mutant("MSC-DWRITE-05", "MSC-PROP-09")
@@ -142,7 +131,7 @@ def the_value_before_is_cleared(patch: MonkeyPatch) -> None:
     """DWRITE stores 64 bits, the high ones, which are 0, in front."""
 
     def effect(unit: Any, when: int, body: bytes) -> None:
-        place = _number(body) - 4
+        place = number_in(body) - 4
         if 0 <= place < SAFE_END:
             unit._data.write(place, 0)
 
@@ -175,7 +164,7 @@ def a_block_is_told_as_it_was_read_before(patch: MonkeyPatch) -> None:
     changed since."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        kept, place = getattr(unit, "copy", None), _number(body)
+        kept, place = getattr(unit, "copy", None), number_in(body)
         verdict = go()
         if verdict.reply is None or place > SAFE_END:
             return verdict
@@ -187,19 +176,19 @@ def a_block_is_told_as_it_was_read_before(patch: MonkeyPatch) -> None:
         unit.copy = None
         return go()
 
-    _on(patch, b"BREAD", act)
-    _on(patch, b"BWRITE", forget)
+    on(patch, b"BREAD", act)
+    on(patch, b"BWRITE", forget)
 
 
 @msc_mutant("MSC-BREAD-03")
 def a_block_begins_behind_its_address(patch: MonkeyPatch) -> None:
     """BWRITE and BREAD begin with the value after the one that is named."""
     for name in (b"BREAD", b"BWRITE"):
-        _on(
+        on(
             patch,
             name,
             lambda go, unit, now, body: (
-                go(now, _at(body, _number(body) + 4)) if _number(body) < SAFE_END else go()
+                go(now, at(body, number_in(body) + 4)) if number_in(body) < SAFE_END else go()
             ),
         )
 
@@ -209,12 +198,12 @@ def the_last_value_of_a_block_is_not_stored(patch: MonkeyPatch) -> None:
     """BWRITE's loop ends one value early."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        place = _number(body) + 124
+        place = number_in(body) + 124
         if len(body) != 137 or not unit._data.has(place) or place > SAFE_END:
             return go()
         return go(now, body[:-4] + unit._data.read(place).to_bytes(4, "big", signed=True))
 
-    _on(patch, b"BWRITE", act)
+    on(patch, b"BWRITE", act)
 
 
 @msc_mutant("MSC-BWRITE-02")
@@ -222,7 +211,7 @@ def a_block_clears_the_value_behind_it(patch: MonkeyPatch) -> None:
     """BWRITE's loop ends one value late, behind its buffer."""
 
     def effect(unit: Any, when: int, body: bytes) -> None:
-        place = _number(body) + 128
+        place = number_in(body) + 128
         if place < SAFE_END:
             unit._data.write(place, 0)
 
@@ -234,13 +223,13 @@ def values_of_a_block_are_stored_in_halves_exchanged(patch: MonkeyPatch) -> None
     """BWRITE stores the low word of each value before the high one."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        if len(body) != 137 or _number(body) > SAFE_END:
+        if len(body) != 137 or number_in(body) > SAFE_END:
             return go()
         words = [body[at : at + 2] for at in range(9, 137, 2)]
         pairs = zip(words[1::2], words[::2], strict=True)
         return go(now, body[:9] + b"".join(word for pair in pairs for word in pair))
 
-    _on(patch, b"BWRITE", act)
+    on(patch, b"BWRITE", act)
 
 
 # --- flags ---------------------------------------------------------------------------------------
@@ -249,7 +238,7 @@ def values_of_a_block_are_stored_in_halves_exchanged(patch: MonkeyPatch) -> None
 @msc_mutant("MSC-CFLAG-02", "MSC-PROP-10")
 def a_flag_is_not_turned_off(patch: MonkeyPatch) -> None:
     """CFLAG draws its ACK and does nothing."""
-    _on(patch, b"CFLAG", lambda go, unit, now, body: go()._replace(act=None))
+    on(patch, b"CFLAG", lambda go, unit, now, body: go()._replace(act=None))
 
 
 @msc_mutant("MSC-CFLAG-02", "MSC-PROP-10")
@@ -257,11 +246,11 @@ def a_flag_that_is_cleared_again_goes_on(patch: MonkeyPatch) -> None:
     """CFLAG turns a flag over."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        number = _number(body)
+        number = number_in(body)
         is_on = number < FLAGS and bool(unit._flags._on >> number & 1)
         return go() if is_on or number >= FLAGS else go(now, b"S" + body[1:])
 
-    _on(patch, b"CFLAG", act)
+    on(patch, b"CFLAG", act)
 
 
 @msc_mutant("MSC-PROP-10")
@@ -269,7 +258,7 @@ def a_flag_goes_off_with_its_read(patch: MonkeyPatch) -> None:
     """RFLAG of a flag of the host's that is on turns it off."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        verdict, number = go(), _number(body)
+        verdict, number = go(), number_in(body)
         build = verdict.reply
         if build is None or number >= FLAGS or not unit._flags.may_host_write(number):
             return verdict
@@ -277,7 +266,7 @@ def a_flag_goes_off_with_its_read(patch: MonkeyPatch) -> None:
         unit._flags.set(number, False)
         return verdict._replace(reply=lambda when: reply)
 
-    _on(patch, b"RFLAG", act)
+    on(patch, b"RFLAG", act)
 
 
 @msc_mutant("MSC-RFLAG-02")
@@ -290,11 +279,11 @@ def a_flag_is_told_as_it_was_looked_at_before(patch: MonkeyPatch) -> None:
         if build is None:
             return verdict
         kept = getattr(unit, "looked", None)
-        unit.looked = (_number(body), build(now))
-        reply = kept[1] if kept is not None and kept[0] == _number(body) else unit.looked[1]
+        unit.looked = (number_in(body), build(now))
+        reply = kept[1] if kept is not None and kept[0] == number_in(body) else unit.looked[1]
         return verdict._replace(reply=lambda when: reply)
 
-    _on(patch, b"RFLAG", act)
+    on(patch, b"RFLAG", act)
 
 
 @msc_mutant("MSC-RFLAGS-02", "MSC-RFLAGS-03", "MSC-PROP-11")

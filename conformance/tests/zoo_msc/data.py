@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from axistwin.devices.msc.data_area import BLOCK_VALUES, VALUE_MAX, DataArea, signed
@@ -11,36 +12,17 @@ from zoo_msc.planting import (
     Commands,
     MonkeyPatch,
     around,
+    at,
     bodies,
     carry_out,
     msc_mutant,
+    number_in,
+    on,
     payloads,
 )
 
 BLOCK_BYTES = 128
 PROGRAM_BLOCK = 6144 + 128
-
-
-def _address(body: bytes) -> int:
-    return int.from_bytes(body.partition(b",")[2][:2], "big")
-
-
-def _at(body: bytes, address: int) -> bytes:
-    """The same command at another address."""
-    name, comma, values = body.partition(b",")
-    return name + comma + (address & 0xFFFF).to_bytes(2, "big") + values[2:]
-
-
-def _on(patch: MonkeyPatch, name: bytes, act: Any_) -> None:
-    """Let one command be judged by `act(go, unit, now, body)`; `go(now, body)` judges it as it
-    should be."""
-
-    def judge(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
-        if body.startswith(name + b","):
-            return act(lambda *others: go(*(others or (now, body))), unit, now, body)
-        return go()
-
-    bodies(patch, judge)
 
 
 # --- single values -------------------------------------------------------------------------------
@@ -72,7 +54,7 @@ def a_value_of_sixteen_bits_is_widened_with_its_sign(patch: MonkeyPatch) -> None
 def an_address_has_eleven_bits(patch: MonkeyPatch) -> None:
     """Bit 11 of a single value's address is not wired: what is 2048 further on is the same."""
     for name in (b"DREAD", b"DWRITE"):
-        _on(patch, name, lambda go, unit, now, body: go(now, _at(body, _address(body) & ~0x800)))
+        on(patch, name, lambda go, unit, now, body: go(now, at(body, number_in(body) & ~0x800)))
 
 
 @msc_mutant("MSC-BREAD-01")
@@ -80,9 +62,9 @@ def an_address_of_a_block_may_hold_no_sign(patch: MonkeyPatch) -> None:
     """BREAD is refused where a byte of its address is 06h or 15h."""
 
     def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
-        return REFUSED if {0x06, 0x15} & set(body[6:]) and _address(body) < 5120 else go()
+        return REFUSED if {0x06, 0x15} & set(body[6:]) and number_in(body) < 5120 else go()
 
-    _on(patch, b"BREAD", act)
+    on(patch, b"BREAD", act)
 
 
 @msc_mutant("MSC-DREAD-04", "MSC-PROP-13")
@@ -90,7 +72,7 @@ def a_value_counts_its_reads(patch: MonkeyPatch) -> None:
     """Each DREAD of a value makes it one more for whoever reads it next."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        verdict, place = go(), _address(body)
+        verdict, place = go(), number_in(body)
         build = verdict.reply
         if build is None or place > 5120:
             return verdict
@@ -98,7 +80,7 @@ def a_value_counts_its_reads(patch: MonkeyPatch) -> None:
         unit._data.write(place, signed(unit._data.read(place) + 1))
         return verdict._replace(reply=lambda when: reply)
 
-    _on(patch, b"DREAD", act)
+    on(patch, b"DREAD", act)
 
 
 @msc_mutant("MSC-DREAD-04")
@@ -106,7 +88,7 @@ def a_value_is_taken_out_by_its_read(patch: MonkeyPatch) -> None:
     """A DREAD leaves 0 behind."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        verdict, place = go(), _address(body)
+        verdict, place = go(), number_in(body)
         build = verdict.reply
         if build is None or place > 5120:
             return verdict
@@ -114,7 +96,7 @@ def a_value_is_taken_out_by_its_read(patch: MonkeyPatch) -> None:
         unit._data.write(place, 0)
         return verdict._replace(reply=lambda when: reply)
 
-    _on(patch, b"DREAD", act)
+    on(patch, b"DREAD", act)
 
 
 @msc_mutant("MSC-BREAD-04")
@@ -124,13 +106,13 @@ def a_block_begins_with_the_number_of_its_reads(patch: MonkeyPatch) -> None:
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
         verdict = go()
         build = verdict.reply
-        if build is None or _address(body) > 5120:
+        if build is None or number_in(body) > 5120:
             return verdict
         unit.reads = getattr(unit, "reads", 0) + 1
         count = unit.reads.to_bytes(4, "big")
         return verdict._replace(reply=lambda when: build(when)[:6] + count + build(when)[10:])
 
-    _on(patch, b"BREAD", act)
+    on(patch, b"BREAD", act)
 
 
 @msc_mutant("MSC-DWRITE-02", "MSC-DREAD-02", traps=(11,))
@@ -140,7 +122,7 @@ def seven_bits_of_each_byte_are_stored(patch: MonkeyPatch) -> None:
     def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
         return go(now, body[:9] + bytes(one & 0x7F for one in body[9:]))
 
-    _on(patch, b"DWRITE", act)
+    on(patch, b"DWRITE", act)
 
 
 @msc_mutant("MSC-DWRITE-01", "MSC-PKT-15", traps=(11,))
@@ -150,7 +132,7 @@ def a_value_that_is_no_text_is_refused(patch: MonkeyPatch) -> None:
     def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
         return go() if body[9:].isascii() else REFUSED
 
-    _on(patch, b"DWRITE", act)
+    on(patch, b"DWRITE", act)
 
 
 @msc_mutant("MSC-DWRITE-04", "MSC-DWRITE-02", "MSC-PROP-08")
@@ -159,7 +141,7 @@ def a_value_is_stored_when_the_next_one_comes(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
         late, unit.late = getattr(unit, "late", b""), b""
-        if body.startswith(b"DWRITE,") and _address(body) < 5120:
+        if body.startswith(b"DWRITE,") and number_in(body) < 5120:
             unit.late = body
             verdict: Any = ACCEPTED
         else:
@@ -180,7 +162,7 @@ def a_value_is_stored_when_the_next_one_comes(patch: MonkeyPatch) -> None:
 @msc_mutant("MSC-DWRITE-02")
 def a_value_of_0_is_not_stored(patch: MonkeyPatch) -> None:
     """DWRITE of 0 is acknowledged and leaves what was there."""
-    _on(
+    on(
         patch,
         b"DWRITE",
         lambda go, unit, now, body: go() if any(body[9:]) else ACCEPTED,
@@ -192,13 +174,13 @@ def a_value_is_stored_with_its_sign_behind_it(patch: MonkeyPatch) -> None:
     """DWRITE stores 64 bits."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        place = _address(body) + 4
+        place = number_in(body) + 4
         if unit._data.has(place) and place < 5120:
             carry_out(unit, now, b"BREAD," + body[7:9])
             unit._data.write(place, -1 if body[9] & 0x80 else 0)
         return go()
 
-    _on(patch, b"DWRITE", act)
+    on(patch, b"DWRITE", act)
 
 
 # --- blocks --------------------------------------------------------------------------------------
@@ -218,7 +200,7 @@ def the_last_value_of_a_block_is_that_before_it(patch: MonkeyPatch) -> None:
 def a_block_begins_with_its_last_value(patch: MonkeyPatch) -> None:
     """BWRITE and BREAD agree on it; single values stand the other way round."""
     payloads(patch, lambda block: b"".join(_values(block)[::-1]), "BREAD")
-    _on(
+    on(
         patch,
         b"BWRITE",
         lambda go, unit, now, body: go(now, body[:9] + b"".join(_values(body[9:])[::-1])),
@@ -230,26 +212,26 @@ def a_value_is_told_as_it_was_written_alone(patch: MonkeyPatch) -> None:
     """DREAD of where a DWRITE went gives that value, whatever a BWRITE has stored there since."""
 
     def write(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        unit.alone = {**getattr(unit, "alone", {}), _address(body): body[9:13]}
+        unit.alone = {**getattr(unit, "alone", {}), number_in(body): body[9:13]}
         return go()
 
     def read(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        kept = getattr(unit, "alone", {}).get(_address(body))
-        if kept is None or _address(body) > 5120:
+        kept = getattr(unit, "alone", {}).get(number_in(body))
+        if kept is None or number_in(body) > 5120:
             return go()
         return unit._read(b"DREAD,", lambda when: kept)
 
-    _on(patch, b"DWRITE", write)
-    _on(patch, b"DREAD", read)
+    on(patch, b"DWRITE", write)
+    on(patch, b"DREAD", read)
 
 
 @msc_mutant("MSC-BWRITE-02")
 def a_block_is_written_in_the_page_of_its_address(patch: MonkeyPatch) -> None:
     """BWRITE begins at the multiple of 128 below its address."""
-    _on(
+    on(
         patch,
         b"BWRITE",
-        lambda go, unit, now, body: go(now, _at(body, _address(body) & ~(BLOCK_BYTES - 1))),
+        lambda go, unit, now, body: go(now, at(body, number_in(body) & ~(BLOCK_BYTES - 1))),
     )
 
 
@@ -259,14 +241,14 @@ def zeros_behind_an_array_are_not_stored(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
         count = len(body[9:].rstrip(b"\0")) // 4 + 1
-        place, verdict = _address(body), go()
+        place, verdict = number_in(body), go()
         if verdict.act is None or place > 5120:
             return verdict
         kept = unit._data.read_block(place)
         old = b"".join(value.to_bytes(4, "big", signed=True) for value in kept)
         return go(now, body[: 9 + 4 * count] + old[4 * count :])
 
-    _on(patch, b"BWRITE", act)
+    on(patch, b"BWRITE", act)
 
 
 @msc_mutant("MSC-BWRITE-07")
@@ -275,29 +257,35 @@ def a_block_over_the_end_is_refused_too_late(patch: MonkeyPatch) -> None:
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
         verdict = go()
-        if verdict is REFUSED and unit._data.has(_address(body)):
+        if verdict is REFUSED and unit._data.has(number_in(body)):
             for number, value in enumerate(_values(body[9:])):
-                place = _address(body) + 4 * number
+                place = number_in(body) + 4 * number
                 if unit._data.has(place):
                     unit._data.write(place, int.from_bytes(value, "big", signed=True))
         return verdict
 
-    _on(patch, b"BWRITE", act)
+    on(patch, b"BWRITE", act)
+
+
+def _over_the_end(patch: MonkeyPatch, fill: Callable[[bytes], bytes]) -> None:
+    """Serve BREAD of a block over the end by what `fill` makes of the values that are there."""
+
+    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
+        place, data = number_in(body), unit._data
+        if go() is not REFUSED or not data.has(place):
+            return go()
+        there = [data.read(one) for one in range(place, place + BLOCK_BYTES, 4) if data.has(one)]
+        block = b"".join(value.to_bytes(4, "big", signed=True) for value in there)
+        return unit._read(b"BREAD,", lambda when: fill(block))
+
+    on(patch, b"BREAD", act)
 
 
 @msc_mutant("MSC-BREAD-05")
 def behind_the_end_all_bits_are_set(patch: MonkeyPatch) -> None:
     """BREAD of a block over the end is served; what is not there reads as -1."""
 
-    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        place, data = _address(body), unit._data
-        if go() is not REFUSED or not data.has(place):
-            return go()
-        there = [data.read(one) for one in range(place, place + BLOCK_BYTES, 4) if data.has(one)]
-        block = b"".join(value.to_bytes(4, "big", signed=True) for value in there)
-        return unit._read(b"BREAD,", lambda when: block.ljust(BLOCK_BYTES, b"\xff"))
-
-    _on(patch, b"BREAD", act)
+    _over_the_end(patch, lambda there: there.ljust(BLOCK_BYTES, b"\xff"))
 
 
 @msc_mutant("MSC-BWRITE-06")
@@ -305,13 +293,13 @@ def a_block_in_use_is_stored_in_part(patch: MonkeyPatch) -> None:
     """Of a BWRITE to the array that the running program looks at the first half is stored."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        if _address(body) != PROGRAM_BLOCK or not any(body[9:]):
+        if number_in(body) != PROGRAM_BLOCK or not any(body[9:]):
             return go()
         kept = unit._data.read_block(PROGRAM_BLOCK)[BLOCK_VALUES // 2 :]
         old = b"".join(value.to_bytes(4, "big", signed=True) for value in kept)
         return go(now, body[: 9 + BLOCK_BYTES // 2] + old)
 
-    _on(patch, b"BWRITE", act)
+    on(patch, b"BWRITE", act)
 
 
 # --- places --------------------------------------------------------------------------------------
@@ -333,11 +321,11 @@ def a_block_outside_the_data_area_is_zeros(patch: MonkeyPatch) -> None:
     """DREAD is refused there, BREAD is not."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        if unit._data.has(_address(body)):
+        if unit._data.has(number_in(body)):
             return go()
         return unit._read(b"BREAD,", lambda when: bytes(BLOCK_BYTES))
 
-    _on(patch, b"BREAD", act)
+    on(patch, b"BREAD", act)
 
 
 @msc_mutant("MSC-DREAD-01")
@@ -346,14 +334,14 @@ def an_address_inside_a_value_reads_bytes_in_between(patch: MonkeyPatch) -> None
     exchanged."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        inside = _address(body) % 4
-        verdict = go(now, _at(body, _address(body) - inside))
+        inside = number_in(body) % 4
+        verdict = go(now, at(body, number_in(body) - inside))
         build = verdict.reply
         if not inside or build is None:
             return verdict
         return verdict._replace(reply=lambda when: _turned(build(when), inside))
 
-    _on(patch, b"DREAD", act)
+    on(patch, b"DREAD", act)
 
 
 def _turned(reply: bytes, count: int) -> bytes:
@@ -364,15 +352,7 @@ def _turned(reply: bytes, count: int) -> bytes:
 def a_block_over_the_end_is_told_short(patch: MonkeyPatch) -> None:
     """BREAD over the end of the data area is served with the values that are there."""
 
-    def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        place, data = _address(body), unit._data
-        if go() is not REFUSED or not data.has(place):
-            return go()
-        there = [data.read(one) for one in range(place, place + BLOCK_BYTES, 4) if data.has(one)]
-        block = b"".join(value.to_bytes(4, "big", signed=True) for value in there)
-        return unit._read(b"BREAD,", lambda when: block)
-
-    _on(patch, b"BREAD", act)
+    _over_the_end(patch, lambda there: there)
 
 
 @msc_mutant("MSC-BREAD-05")
@@ -380,9 +360,9 @@ def a_block_up_to_the_end_is_refused(patch: MonkeyPatch) -> None:
     """BREAD whose last value is the last there is runs over the end by one."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        return go() if unit._data.has(_address(body) + BLOCK_BYTES) else REFUSED
+        return go() if unit._data.has(number_in(body) + BLOCK_BYTES) else REFUSED
 
-    _on(patch, b"BREAD", act)
+    on(patch, b"BREAD", act)
 
 
 @msc_mutant("MSC-DAT-03")
@@ -390,6 +370,6 @@ def a_block_outside_is_refused_behind_its_ack(patch: MonkeyPatch) -> None:
     """BWRITE's place is looked at when it is carried out: ACK, then NAK."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        return go() if unit._data.has(_address(body)) else Verdict(b"\x06\x15")
+        return go() if unit._data.has(number_in(body)) else Verdict(b"\x06\x15")
 
-    _on(patch, b"BWRITE", act)
+    on(patch, b"BWRITE", act)

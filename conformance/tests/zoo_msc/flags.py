@@ -9,14 +9,20 @@ from axistwin.devices.msc.flags import FLAGS, FlagKind, Flags
 from axistwin.devices.msc.program import ProgramRunner
 from axistwin.devices.msc.receiver import ACCEPTED, REFUSED
 from axistwin.devices.msc.status import Status, StatusBit
-from zoo_msc.planting import MS, Any_, Commands, MonkeyPatch, around, bodies, msc_mutant, payloads
+from zoo_msc.planting import (
+    MS,
+    Any_,
+    Commands,
+    MonkeyPatch,
+    around,
+    bodies,
+    msc_mutant,
+    number_in,
+    payloads,
+)
 
 ON = b"\0\1"
 OF_THE_MACHINE = (FlagKind.INPUT, FlagKind.TIMER, FlagKind.MOTOR)
-
-
-def _number(body: bytes) -> int:
-    return int.from_bytes(body.partition(b",")[2][:2], "big")
 
 
 def _on(patch: MonkeyPatch, name: bytes, act: Any_) -> None:
@@ -26,7 +32,7 @@ def _on(patch: MonkeyPatch, name: bytes, act: Any_) -> None:
     def judge(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
         if not body.startswith(name + b","):
             return go()
-        return act(lambda *others: go(now, *(others or (body,))), unit, _number(body), body)
+        return act(lambda *others: go(now, *(others or (body,))), unit, number_in(body), body)
 
     bodies(patch, judge)
 

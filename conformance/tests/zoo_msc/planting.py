@@ -31,12 +31,15 @@ __all__ = [
     "accepts",
     "alarms",
     "around",
+    "at",
     "bodies",
     "carry_out",
     "hears",
     "listens_to_others",
     "msc_mutant",
     "name_of",
+    "number_in",
+    "on",
     "packets_sent",
     "payloads",
     "replies",
@@ -124,6 +127,29 @@ def payloads(patch: MonkeyPatch, change: Any_, *names: str) -> None:
 def accepts(patch: MonkeyPatch, is_right: Callable[[bytes], bool]) -> None:
     """Let a checksum be right if it is, or if `is_right(raw)`."""
     patch.setattr(receiver_module, "is_sum_right", lambda raw: is_sum_right(raw) or is_right(raw))
+
+
+def number_in(body: bytes) -> int:
+    """The address, or the number of the flag, that a command names."""
+    return int.from_bytes(body.partition(b",")[2][:2], "big")
+
+
+def at(body: bytes, address: int) -> bytes:
+    """The same command at another address."""
+    name, comma, values = body.partition(b",")
+    return name + comma + (address & 0xFFFF).to_bytes(2, "big") + values[2:]
+
+
+def on(patch: MonkeyPatch, name: bytes, act: Any_) -> None:
+    """Let one command be judged by `act(go, unit, now, body)`; `go(now, body)` judges it as it
+    should be."""
+
+    def judge(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
+        if body.startswith(name + b","):
+            return act(lambda *others: go(*(others or (now, body))), unit, now, body)
+        return go()
+
+    bodies(patch, judge)
 
 
 def bodies(patch: MonkeyPatch, act: Any_) -> None:

@@ -23,6 +23,7 @@ from zoo_msc.planting import (
     carry_out,
     hears,
     msc_mutant,
+    number_in,
 )
 
 SCRATCH = range(1024, 5120)  # what the suite may write of the twin's variables
@@ -30,10 +31,6 @@ SCRATCH = range(1024, 5120)  # what the suite may write of the twin's variables
 
 def _name(body: bytes) -> bytes:
     return body.partition(b",")[0]
-
-
-def _place(body: bytes) -> int:
-    return int.from_bytes(body.partition(b",")[2][:2], "big")
 
 
 def _behind(patch: MonkeyPatch, before: bytes, name: bytes, act: Any_) -> None:
@@ -90,7 +87,9 @@ def a_block_of_equal_values_is_filled_by_a_byte(patch: MonkeyPatch) -> None:
     def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
         data = body[9:]
         is_alike = _name(body) == b"BWRITE" and len(data) == 128 and data == data[:4] * 32
-        return go(now, body[:9] + data[-1:] * 128) if is_alike and _place(body) in SCRATCH else go()
+        return (
+            go(now, body[:9] + data[-1:] * 128) if is_alike and number_in(body) in SCRATCH else go()
+        )
 
     bodies(patch, act)
 
@@ -102,7 +101,9 @@ def a_block_between_equal_ends_is_equal(patch: MonkeyPatch) -> None:
     def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
         data = body[9:]
         is_alike = _name(body) == b"BWRITE" and len(data) == 128 and data[:4] == data[-4:]
-        return go(now, body[:9] + data[:4] * 32) if is_alike and _place(body) in SCRATCH else go()
+        return (
+            go(now, body[:9] + data[:4] * 32) if is_alike and number_in(body) in SCRATCH else go()
+        )
 
     bodies(patch, act)
 
@@ -112,9 +113,9 @@ def a_write_inside_a_value_means_the_value(patch: MonkeyPatch) -> None:
     """DWRITE takes the address down to a multiple of 4, DREAD does not."""
 
     def act(go: Any_, unit: Commands, now: int, body: bytes) -> Any:
-        if _name(body) != b"DWRITE" or _place(body) not in SCRATCH:
+        if _name(body) != b"DWRITE" or number_in(body) not in SCRATCH:
             return go()
-        return go(now, body[:7] + (_place(body) & ~3).to_bytes(2, "big") + body[9:])
+        return go(now, body[:7] + (number_in(body) & ~3).to_bytes(2, "big") + body[9:])
 
     bodies(patch, act)
 
@@ -124,7 +125,7 @@ def a_high_write_lands_2048_lower_as_well(patch: MonkeyPatch) -> None:
     """A line of the address is not looked at when something is stored from 4096 on."""
 
     def act(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        verdict, place = go(), _place(body)
+        verdict, place = go(), number_in(body)
         store = verdict.act
         if _name(body) != b"DWRITE" or place not in range(4096, SCRATCH.stop) or store is None:
             return verdict
@@ -251,8 +252,8 @@ def after_20_s_of_silence_values_are_as_before_them(patch: MonkeyPatch) -> None:
     """Who has no host any more takes back what it wrote last."""
 
     def write(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        if _name(body) == b"DWRITE" and _place(body) in SCRATCH:
-            unit.last_place = _place(body)
+        if _name(body) == b"DWRITE" and number_in(body) in SCRATCH:
+            unit.last_place = number_in(body)
         return go()
 
     def takes(receiver: Any) -> None:
@@ -395,8 +396,8 @@ def a_block_is_not_kept_without_supply(patch: MonkeyPatch) -> None:
     """What BWRITE has stored is 0 after a power cut, and no bit tells it."""
 
     def write(go: Any_, unit: Any, now: int, body: bytes) -> Any:
-        if _name(body) == b"BWRITE" and _place(body) in SCRATCH:
-            unit.last_block = _place(body)
+        if _name(body) == b"BWRITE" and number_in(body) in SCRATCH:
+            unit.last_block = number_in(body)
         return go()
 
     def act(go: Any_, controller: Any, now: int) -> Any:

@@ -216,10 +216,15 @@ def values_of_a_block_may_be_alike(session: Session) -> None:
     (one, other), within = driver.values(2), driver.values(BLOCK_VALUES - 2)
     half = BLOCK_VALUES // 2
     for values in ([one] * BLOCK_VALUES, [other, one] * half, [one, *within, one]):
-        driver.write_block(address, values)
-        seen, text = driver.read_block(address), codec.listed(values)
-        names = ("MSC-BWRITE-02", "MSC-BREAD-03")
-        session.expect(list(seen) == values, names, text, codec.listed(seen))
+        _judge_comes_back(driver, address, values)
+
+
+def _judge_comes_back(driver: MscDriver, address: int, values: list[int]) -> None:
+    """Write a block, and judge that it is read as it was written."""
+    driver.write_block(address, values)
+    seen, text = driver.read_block(address), codec.listed(values)
+    names = ("MSC-BWRITE-02", "MSC-BREAD-03")
+    driver.session.expect(list(seen) == values, names, text, codec.listed(seen))
 
 
 def _judge_singles(driver: MscDriver, address: int, block: Sequence[int]) -> None:
@@ -243,10 +248,7 @@ def every_byte_may_stand_in_every_place_of_a_value(session: Session) -> None:
         places = range(first, first + BLOCK_VALUES)
         rows = [bytes((byte, byte, byte ^ 0xFF, byte ^ 0xFF)) for byte in places]
         values = [int.from_bytes(row, "big", signed=True) for row in rows]
-        driver.write_block(address, values)
-        seen, text = driver.read_block(address), codec.listed(values)
-        names = ("MSC-BWRITE-02", "MSC-BREAD-03")
-        session.expect(list(seen) == values, names, text, codec.listed(seen))
+        _judge_comes_back(driver, address, values)
 
 
 @check("MSC-PKT-09", "MSC-DWRITE-02", "MSC-BWRITE-02", safety="stored", needs=("variables",))

@@ -107,17 +107,24 @@ HARMLESS: Final[Mapping[int, Callable[[int, int], int]]] = {
 }
 
 
-def _slowly(driver: AxisDriver) -> int:
+def slowly(driver: AxisDriver) -> int:
     """The slowest period, or a faster one for an axis that runs on: over so many increments that
     each stop would take seconds."""
     runs_on = driver.limits.braking(SLOWEST)
     return driver.limits.outlasting(LONG_STEPS, SLOWEST * SHORT_STEPS // max(SHORT_STEPS, runs_on))
 
 
+def judge_locked(driver: AxisDriver, over_ns: int, index: int, parameter: int) -> None:
+    """Judge that a motion that is surely under way until then refuses that command."""
+    exchange = driver.client.command(index, parameter)
+    driver.motion.taken_in_time(exchange, over_ns, "the motion")
+    driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
+
+
 def walk(session: Session, *indices: int) -> None:
     """Judge the rows of these indices in every state of `ENTER`."""
     driver = driver_of(session)
-    start = driver.motion.ready(_slowly(driver))
+    start = driver.motion.ready(slowly(driver))
     for index in indices:
         row = driver.client.face.acceptance[index]
         parameter = HARMLESS[index](start, driver.motion.period) if index in HARMLESS else 0
@@ -199,7 +206,7 @@ def _judge(
 def _written_in_motion(driver: AxisDriver, index: int, name: str) -> None:
     """What a parameter reads as after another value was sent in motion: that one if it was
     accepted, the old one if it was refused.  Either way the motion is none but the one begun."""
-    start = driver.motion.ready(_slowly(driver))
+    start = driver.motion.ready(slowly(driver))
     parameter = PARAMETERS[index]
     before = driver.client.parameter(index)
     other = before - 1 if before else 1
@@ -229,7 +236,7 @@ def the_stops_mode_is_locked_in_motion(session: Session) -> None:
     """03h, all four values, is refused while running and accepted in every other state."""
     walk(session, 0x03)
     driver = driver_of(session)
-    start = driver.motion.ready(_slowly(driver))
+    start = driver.motion.ready(slowly(driver))
     for state in RUNNING:
         for value in (0, 1, 8, 9):
             ENTER[state](driver, start)
@@ -275,7 +282,7 @@ def a_move_to_0_is_refused_in_motion(session: Session) -> None:
     """14h is refused while running, which goes on, and accepted in every other state."""
     walk(session, 0x14)
     driver = driver_of(session)
-    forecast = driver.motion.go(driver.motion.ready(_slowly(driver)) + LONG_STEPS)
+    forecast = driver.motion.go(driver.motion.ready(slowly(driver)) + LONG_STEPS)
     driver.client.wait(0.1)
     if driver.client.command(0x14).kind is ReplyKind.REFUSED:
         driver.motion.finish(forecast, "MACS-CMD-14-02")
@@ -319,7 +326,7 @@ def torque_catch_up_and_tolerance_are_free_in_motion(session: Session) -> None:
 def _torque_up_and_down_in_motion(driver: AxisDriver) -> None:
     """In each kind of motion the torque limit may be lowered, and raised again."""
     for state in RUNNING:
-        start = driver.motion.ready(_slowly(driver))
+        start = driver.motion.ready(slowly(driver))
         own = driver.client.parameter(0x0C)
         ENTER[state](driver, start)
         for value in (own - 1 if own else 1, own):
@@ -331,7 +338,7 @@ def _torque_up_and_down_in_motion(driver: AxisDriver) -> None:
 
 def _tolerance_on_the_way(driver: AxisDriver) -> None:
     """A tolerance above the way that is left does not end the move: it goes on to its target."""
-    start = driver.motion.ready(_slowly(driver))
+    start = driver.motion.ready(slowly(driver))
     way = driver.limits.way_outlasting(LONG_STEPS // 2, driver.motion.period, 6)
     forecast = driver.motion.go(start + way)
     if driver.client.command(0x1C, 0xFF).kind is ReplyKind.ACCEPTED:
@@ -373,7 +380,7 @@ def queries_are_answered_in_every_state(session: Session) -> None:
     driver = driver_of(session)
     walk(session, *driver.client.face.answered)
     for enter in (_move_back, _turn_back, _interpolate_back):
-        enter(driver, driver.motion.ready(_slowly(driver)))
+        enter(driver, driver.motion.ready(slowly(driver)))
         for index in driver.client.face.answered:
             driver.judge.must(ReplyKind.ANSWER, driver.client.ask(index))
         driver.motion.at_rest()
@@ -403,7 +410,7 @@ def what_is_refused_in_motion_has_no_effect(session: Session) -> None:
     _busy_behind_a_refusal(driver)
     stored = _after_a_restart(driver)
     for state in RUNNING:
-        start = driver.motion.ready(_slowly(driver))
+        start = driver.motion.ready(slowly(driver))
         driver.motion.keep_off(0x09, start + FAR)
         driver.motion.keep_off(0x0A, start - FAR)
         if state != "IN":  # there a refused 03h enables none
@@ -446,7 +453,7 @@ def _refused_wherever_to(driver: AxisDriver, start: int, forecast: Forecast) -> 
 
 def _busy_behind_a_refusal(driver: AxisDriver) -> None:
     """A refused target close to the axis does not end busy: the target of the move does."""
-    start = driver.motion.ready(_slowly(driver))
+    start = driver.motion.ready(slowly(driver))
     if driver.client.command(0x1C, NEAR).kind is not ReplyKind.ACCEPTED:
         return
     period = driver.motion.period
@@ -476,14 +483,14 @@ def _judge_as_before(
 
 def _after_a_restart(driver: AxisDriver) -> dict[int, int]:
     """The parameters with which the module starts up again, set as for a motion before."""
-    driver.motion.ready(_slowly(driver))
+    driver.motion.ready(slowly(driver))
     driver.motion.reinitialise()
     return driver.client.parameters()
 
 
 def _unassigned_on_the_way(driver: AxisDriver) -> None:
     """Whatever a device says to commands that are not assigned, a move goes on as it was."""
-    start = driver.motion.ready(_slowly(driver))
+    start = driver.motion.ready(slowly(driver))
     table, period = driver.client.face.acceptance, driver.motion.period
     unassigned = [index for index in range(0x20) if table[index].cells == "RRRRRRRR"]
     way = driver.limits.way_outlasting(LONG_STEPS, period, 2 * len(unassigned) + 2)

@@ -8,6 +8,11 @@ from typing import Final
 
 from axistwin_conformance.base.check import check
 from axistwin_conformance.core.session import Session
+from axistwin_conformance.families.mac.axis.checks.acceptance import (
+    LONG_STEPS,
+    judge_locked,
+    slowly,
+)
 from axistwin_conformance.families.mac.axis.checks.velocity import judge_follows
 from axistwin_conformance.families.mac.axis.driver.driver import AxisDriver, driver_of
 from axistwin_conformance.families.mac.axis.driver.limits import SLOWEST
@@ -21,7 +26,6 @@ from axistwin_conformance.families.mac.axis.probing import MOVES
 
 ORDER = 112  # of this module in a run; see `Family.modules`
 
-STEPS: Final = 120  # a second of motion at the slowest speed
 EXCHANGES: Final = 10  # in a motion, until it is stopped
 STANDS_S: Final = 0.05
 FREE_EXCHANGES: Final = 20  # in a motion, while what is free is tried
@@ -65,13 +69,6 @@ BEGINNINGS: Final = (
 NAMES: Final = ("MACS-STATE-01", "MACS-BUSY-01", *STOP_NAMES.values())
 
 
-def slowly(driver: AxisDriver) -> int:
-    """The slowest period, or a faster one for an axis that runs on: over so many increments that
-    each stop would take seconds."""
-    runs_on = driver.limits.braking(SLOWEST)
-    return driver.limits.outlasting(STEPS, SLOWEST * 100 // max(100, runs_on))
-
-
 @check(*NAMES, safety=MOVES, level="full")
 def a_motion_is_one_however_it_began(session: Session) -> None:
     """Begun by 13h, 14h, 15h, 16h, 1Eh or 11h, either way, powered or not: what any motion locks is
@@ -91,7 +88,7 @@ def _needs_time(driver: AxisDriver, exchanges: int) -> None:
 def _judge_begun(driver: AxisDriver, beginning: Beginning) -> None:
     """Begin one of these motions, and judge lock, busy and stop."""
     session, period, sign = driver.session, slowly(driver), beginning.direction
-    way = driver.limits.way_outlasting(STEPS, period, EXCHANGES)
+    way = driver.limits.way_outlasting(LONG_STEPS, period, EXCHANGES)
     if 0x14 in beginning.commands:
         place = driver.motion.ready()
         if abs(place) > driver.limits.room() or not driver.limits.fits(-sign * way):
@@ -112,9 +109,7 @@ def _judge_begun(driver: AxisDriver, beginning: Beginning) -> None:
         ends += [target[index]] if index in target else []
     over_ns = sent_ns + way * period * TICK_NS
     for index, parameter in ((0x02, 1), (0x13, start)):
-        exchange = driver.client.command(index, parameter)
-        driver.motion.taken_in_time(exchange, over_ns, "the motion")
-        driver.judge.must(ReplyKind.REFUSED, exchange, "MACS-STATE-01")
+        judge_locked(driver, over_ns, index, parameter)
     _judge_told(driver, beginning, ends)
     name = STOP_NAMES[beginning.stop]
     stop = driver.judge.accepted(beginning.stop, requirement=name)
@@ -196,8 +191,6 @@ def _begun(driver: AxisDriver, kind: int, start: int) -> Forecast:
 
 def _judge_undisturbed(driver: AxisDriver, forecast: Forecast, index: int) -> None:
     """Judge that the motion is locked, and where it was to be by then."""
-    lock = driver.client.command(0x02, 1)
-    driver.motion.taken_in_time(lock, forecast.steady_until_ns, "the motion")
-    driver.judge.must(ReplyKind.REFUSED, lock, "MACS-STATE-01")
+    judge_locked(driver, forecast.steady_until_ns, 0x02, 1)
     allowance = driver.limits.allowance(driver.motion.period)
     driver.motion.follow(forecast, FREE_NAMES[index], allowance)

@@ -379,7 +379,7 @@ def _stands(client: AxisClient) -> bool:
 
 def judge_deaf(client: AxisClient, since_ns: int, seconds: float) -> None:
     """Hold it against a module that it answers a query half-way through a restart: each is as
-    long as the others.  Nothing is asked where a query could come too late."""
+    long as the others.  No query is sent where it could come too late."""
     half_ns = round(seconds * 5e8)
     if not client.face.deaf or client.target.uncertainty_ns > half_ns // 2:
         return

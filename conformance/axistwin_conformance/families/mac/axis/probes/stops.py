@@ -181,7 +181,7 @@ def boot_time_ms(driver: AxisDriver) -> Outcome:
     if high_ms < 0:
         driver.client.wait(DEAF_S + 0.5)
         is_put_off = driver.client.within(POLL_S, 0x20).kind is ReplyKind.ANSWER
-        told = " while it is asked, one behind a silence" if is_put_off else ""
+        told = " while queries come, one behind a silence" if is_put_off else ""
         return f"no answer for {_longest_s(driver):.0f} s after 00h{told}"
     if not driver.client.target.is_lossless:  # what comes late shifts every edge
         is_default = abs(high_ms / 1000 - DEAF_S) <= CLOCK_S + 2 * driver.client.target.line_s

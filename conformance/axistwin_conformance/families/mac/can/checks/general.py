@@ -111,11 +111,11 @@ def a_setting_for_all_is_taken_by_all(session: Session) -> None:
     for driver, stop in zip(drivers, STOPS, strict=False):
         driver.judge.accepted(0x09, stop)
     own = {driver.client.address: driver.client.value(0x22) for driver in drivers}
-    asked = first.client.to_all(0x22)
-    received = replies(first, asked.frame())
+    query = first.client.to_all(0x22)
+    received = replies(first, query.frame())
     if not received or not _has_spokesman(session):
         session.expect(
-            judge_general(first, asked) is ReplyKind.SILENCE,
+            judge_general(first, query) is ReplyKind.SILENCE,
             "MACC-GEN-02",
             "silence",
             described(received),
